@@ -1,0 +1,80 @@
+"""Nonlocal fracture as a scikit-fem extension: bonds over a P1 basis, a law, a body, a stable step, a run."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ._version import __version__
+from .analysis.damage import Damage, damage
+from .analysis.energies import discrete_energy
+from .bonds.bond_basis import BondBasis
+from .bonds.rules import PairRule
+from .geometry.layers import boundary_function, collar, region
+from .geometry.slit import Crack, slit
+from .material.calibration import Elastic, Material
+from .material.influence import Influence, conical, constant, gaussian
+from .material.potential import Exponential, Linear, Potential, Rational, own_potential
+from .model.loads import body_force, layer_traction, traction
+from .model.mass import interpolate, mass_matrix, project
+from .model.peridynamics import Peridynamics
+from .solve.central_difference import Energies, State, UnstableRun, central_difference
+from .solve.cfl import StepLimit, stable_time_step
+from .solve.constraints import Prescribed
+
+if TYPE_CHECKING:
+    from .app.output import Frames
+    from .app.run import run
+    from .app.scene import Scene
+
+__all__ = [
+    "BondBasis",
+    "Crack",
+    "Damage",
+    "Elastic",
+    "Energies",
+    "Exponential",
+    "Frames",
+    "Influence",
+    "Linear",
+    "Material",
+    "PairRule",
+    "Peridynamics",
+    "Potential",
+    "Prescribed",
+    "Rational",
+    "Scene",
+    "State",
+    "StepLimit",
+    "UnstableRun",
+    "__version__",
+    "body_force",
+    "boundary_function",
+    "central_difference",
+    "collar",
+    "conical",
+    "constant",
+    "damage",
+    "discrete_energy",
+    "gaussian",
+    "interpolate",
+    "layer_traction",
+    "mass_matrix",
+    "own_potential",
+    "project",
+    "region",
+    "run",
+    "slit",
+    "stable_time_step",
+    "traction",
+]
+
+_APP = {"Frames": "output", "Scene": "scene", "run": "run"}
+
+
+def __getattr__(name: str) -> Any:
+    """Load the runner only for those who use it: a script over plain arrays needs no files, formulas or pictures."""
+    if name in _APP:
+        from importlib import import_module
+
+        return getattr(import_module(f".app.{_APP[name]}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

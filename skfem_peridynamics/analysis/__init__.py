@@ -1,0 +1,1 @@
+"""What a run means: energies of the theorems, damage."""

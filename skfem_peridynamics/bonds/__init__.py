@@ -1,0 +1,1 @@
+"""Bonds: the sample points, ends and weights that integrate the nonlocal double integral."""

@@ -1,0 +1,102 @@
+"""Layers along boundaries: distances, collars, and the paper's boundary function w."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from .._types import Floats, Ints, Longs, Mesh
+from .simplices import distance_to_simplices
+
+_CHUNK = 4096  # points at a time: bounds the candidate pairs held in memory
+
+
+def named_facets(mesh: Mesh, facets: Any) -> Ints:
+    """Return facet indices from a name, index array, callable or list of them (scikit-fem's ``normalize_facets``).
+
+    Raises ``ValueError`` for an unknown name (the known ones are listed) and for an empty set.
+
+    >>> import skfem
+    >>> named_facets(skfem.MeshTri().with_defaults(), "left").tolist()
+    [1]
+    """
+    try:
+        found = np.asarray(mesh.normalize_facets(facets))
+    except ValueError:
+        known = ", ".join(mesh.boundaries or {}) or "none"
+        raise ValueError(f"boundary {facets!r} is not in the mesh; its named boundaries are: {known}") from None
+    if not len(found):
+        raise ValueError(f"facets = {facets!r} is an empty set of facets")
+    return found
+
+
+def distance_to_facets(mesh: Mesh, facets: Any, within: float, points: Floats | None = None) -> Floats:
+    """Return the distance of points (dim, n), by default the vertices, to a set of facets; ``inf`` beyond ``within``.
+
+    >>> import skfem
+    >>> m = skfem.MeshTri().refined(2).with_defaults()
+    >>> sorted(set(distance_to_facets(m, "left", within=0.6).tolist()))
+    [0.0, 0.25, 0.5, inf]
+    """
+    facets = named_facets(mesh, facets)
+    points = mesh.p if points is None else points
+    corners = mesh.p[:, mesh.facets[:, facets]]
+    middle = corners.mean(axis=1)
+    radius = np.linalg.norm(corners - middle[:, None], axis=0).max()
+    tree = cKDTree(middle.T)
+    distance = np.full(points.shape[1], np.inf)
+    for start in range(0, points.shape[1], _CHUNK):
+        chunk = points[:, start : start + _CHUNK]
+        pairs = cKDTree(chunk.T).sparse_distance_matrix(tree, within + radius, output_type="ndarray")
+        gap = distance_to_simplices(chunk[:, pairs["i"]], corners[:, :, pairs["j"]])
+        np.minimum.at(distance, start + pairs["i"], gap)
+    distance[distance > within * (1.0 + 1e-9)] = np.inf
+    return distance
+
+
+def collar(mesh: Mesh, facets: Any, width: float) -> Longs:
+    """Return the vertices within ``width`` of a set of facets.
+
+    Raises ``ValueError`` for a negative width, an unknown or an empty set.
+
+    >>> import skfem
+    >>> m = skfem.MeshTri().refined(2).with_defaults()
+    >>> len(collar(m, "left", width=0.25))
+    10
+    """
+    if not width >= 0.0:
+        raise ValueError(f"width = {width} of a collar must not be negative")
+    return np.flatnonzero(np.isfinite(distance_to_facets(mesh, facets, width)))
+
+
+def region(mesh: Mesh, elements: Any) -> Longs:
+    """Return the vertices of a set of elements: a subdomain's name, indices, or a callable of the midpoints.
+
+    >>> import skfem
+    >>> region(skfem.MeshLine(np.linspace(0, 1, 5)), lambda x: x[0] < 0.5).tolist()
+    [0, 1, 2]
+    """
+    try:
+        found = np.asarray(mesh.normalize_elements(elements))
+    except (ValueError, KeyError):
+        known = ", ".join(mesh.subdomains or {}) or "none"
+        raise ValueError(f"subdomain {elements!r} is not in the mesh; its subdomains are: {known}") from None
+    if not len(found):
+        raise ValueError(f"elements = {elements!r} is an empty set of elements")
+    return np.unique(mesh.t[:, found]).astype(np.int64)
+
+
+def boundary_function(mesh: Mesh, horizon: float) -> Floats:
+    """Return the paper's ``w`` at the vertices: 1 deeper than the horizon, 0 on the boundary, C2 in between.
+
+    With ``s = distance / horizon`` it is ``s^3 (10 - 15 s + 6 s^2)``.
+
+    >>> import skfem
+    >>> boundary_function(skfem.MeshLine(np.linspace(0, 1, 5)), horizon=0.5).tolist()
+    [0.0, 0.5, 1.0, 0.5, 0.0]
+    """
+    s = np.minimum(distance_to_facets(mesh, mesh.boundary_facets(), horizon) / horizon, 1.0)
+    w: Floats = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    return w

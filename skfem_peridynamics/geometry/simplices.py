@@ -1,0 +1,129 @@
+"""Volumes, sizes, normals and distances of simplices: one formula for lines, triangles and tetrahedra."""
+
+from __future__ import annotations
+
+from math import factorial
+
+import numpy as np
+
+from .._types import Floats, Ints, Mesh
+
+
+def check_simplices(mesh: Mesh) -> None:
+    """Raise ``ValueError`` unless the mesh is of first-order lines, triangles or tetrahedra of positive volume."""
+    if mesh.t.shape[0] != mesh.p.shape[0] + 1 or mesh.doflocs.shape[1] != mesh.nvertices:
+        raise ValueError(
+            f"mesh is a {type(mesh).__name__}; the elements must be first-order simplices: "
+            "lines (1D), triangles (2D) or tetrahedra (3D)"
+        )
+    if not np.isfinite(mesh.p).all():
+        raise ValueError("mesh has vertices with coordinates that are not finite")
+    unused = np.setdiff1d(np.arange(mesh.nvertices), mesh.t)
+    if len(unused):
+        raise ValueError(
+            f"mesh has {len(unused)} vertices that belong to no element, the first is {unused[0]} at "
+            f"{describe_point(mesh.p[:, unused[0]])}; remove them, for example with mesh.remove_unused_nodes()"
+        )
+    volume = element_volumes(mesh)
+    extent = np.ptp(mesh.p[:, mesh.t], axis=1).max(axis=0)
+    flat = np.flatnonzero(volume <= 1e-14 * extent ** mesh.dim())
+    if len(flat):
+        raise ValueError(f"mesh element {flat[0]} has volume {volume[flat[0]]:.3g}; every element must have a volume")
+
+
+def describe_point(x: Floats) -> str:
+    """Return ``(0.1, 0.2)``: a point as messages show it.
+
+    >>> describe_point(np.array([0.5, 1e-3]))
+    '(0.5, 0.001)'
+    """
+    return "(" + ", ".join(f"{c:.6g}" for c in np.atleast_1d(x)) + ")"
+
+
+def element_volumes(mesh: Mesh) -> Floats:
+    """Return the length, area or volume of each element, shape (nelements,).
+
+    >>> import skfem
+    >>> element_volumes(skfem.MeshTri()).tolist()
+    [0.5, 0.5]
+    """
+    edges = np.moveaxis(mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]], 2, 0)
+    volume: Floats = np.abs(np.linalg.det(edges)) / factorial(mesh.dim())
+    return volume
+
+
+def vertex_volumes(mesh: Mesh) -> Floats:
+    """Return the integral of each hat function: an equal share of every element at its vertices, (nvertices,).
+
+    >>> import skfem
+    >>> vertex_volumes(skfem.MeshLine(np.array([0.0, 1.0, 3.0]))).tolist()
+    [0.5, 1.5, 1.0]
+    """
+    corners = mesh.t.shape[0]
+    share = np.broadcast_to(element_volumes(mesh) / corners, mesh.t.shape)
+    return np.bincount(mesh.t.ravel(), share.ravel(), mesh.nvertices)
+
+
+def vertex_sizes(mesh: Mesh) -> Floats:
+    """Return the edge of the cube that each vertex stands for, ``h_i = (d! mean|T|)^(1/d)``, (nvertices,).
+
+    The mean runs over the elements at the vertex, so a vertex on the boundary or on a crack gets the same size as
+    its neighbours inside, though its volume is smaller.
+
+    >>> import skfem
+    >>> vertex_sizes(skfem.MeshTri().refined(2)).round(12).tolist()[:3]
+    [0.25, 0.25, 0.25]
+    """
+    volume = np.broadcast_to(element_volumes(mesh), mesh.t.shape)
+    total = np.bincount(mesh.t.ravel(), volume.ravel(), mesh.nvertices)
+    count = np.bincount(mesh.t.ravel(), minlength=mesh.nvertices)
+    dim = mesh.dim()
+    size: Floats = (factorial(dim) * total / count) ** (1.0 / dim)
+    return size
+
+
+def outward_normals(mesh: Mesh, facets: Ints) -> tuple[Floats, Floats]:
+    """Return unit normals (dim, nfacets) out of each facet's first element, and the facets' measures (nfacets,).
+
+    Both come from the gradient of the barycentric coordinate of the opposite vertex, whatever the dimension.
+
+    >>> import skfem
+    >>> m = skfem.MeshTri().with_defaults()
+    >>> n, area = outward_normals(m, m.boundaries["left"])
+    >>> n.ravel().tolist(), area.tolist()
+    ([-1.0, 0.0], [1.0])
+    """
+    element = mesh.f2t[0, facets]
+    corners = mesh.t[:, element]
+    opposite = corners.sum(axis=0) - mesh.facets[:, facets].sum(axis=0)
+    base = mesh.p[:, opposite]
+    # rows: the edges from the opposite vertex to the vertices of the facet; the plane through them is g.edge = 1
+    edges = np.moveaxis(mesh.p[:, mesh.facets[:, facets]] - base[:, None, :], (0, 1, 2), (2, 1, 0))
+    gradient = np.linalg.solve(edges, np.ones((*edges.shape[:2], 1)))[..., 0].T
+    steep = np.linalg.norm(gradient, axis=0)
+    measure = mesh.dim() * element_volumes(mesh)[element] * steep
+    return gradient / steep + 0.0, measure
+
+
+def distance_to_simplices(x: Floats, corners: Floats) -> Floats:
+    """Return the distance of points ``x`` (dim, n) to simplices ``corners`` (dim, k, n) of any order k - 1.
+
+    >>> square = np.array([[[0.0], [1.0]], [[0.0], [0.0]]])          # the segment from (0, 0) to (1, 0)
+    >>> distance_to_simplices(np.array([[0.5], [2.0]]), square).tolist()
+    [2.0]
+    """
+    k = corners.shape[1]
+    base = corners[:, 0]
+    if k == 1:
+        gap: Floats = np.linalg.norm(x - base, axis=0)
+        return gap
+    edges = np.moveaxis(corners[:, 1:] - base[:, None], 2, 0)
+    inverse = np.linalg.pinv(edges)
+    inner = np.einsum("nkd,dn->nk", inverse, x - base)
+    foot = base + np.einsum("ndk,nk->dn", edges, inner)
+    distance: Floats = np.linalg.norm(x - foot, axis=0)
+    outside = np.flatnonzero((inner.min(axis=1) < 0.0) | (inner.sum(axis=1) > 1.0))
+    if len(outside):
+        rims = [np.delete(corners[:, :, outside], drop, axis=1) for drop in range(k)]
+        distance[outside] = np.min([distance_to_simplices(x[:, outside], rim) for rim in rims], axis=0)
+    return distance

@@ -1,0 +1,1 @@
+"""What a bond is made of: influence functions, potentials and their calibration."""

@@ -1,0 +1,290 @@
+"""Potentials f of a bond and what follows from them: energy, its gradient and its Hessian together.
+
+A bond of length r and strain S stores ``f(r S^2)``. With the scaled strain ``T = sqrt(r) S`` this is
+``F1(T) = f(T^2)`` (the paper's F1), so every kernel needs only ``F1, F1', F1''`` of one number per bond.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from math import factorial
+from typing import Any
+
+import numpy as np
+
+from .._types import Floats
+
+
+@dataclass(frozen=True)
+class Potential:
+    """A smooth, increasing, concave ``f(q)`` with ``f(0) = 0``, initial slope and limit at infinity.
+
+    Derive from it and give ``f, df, d2f`` (arrays to arrays of the same shape) to use a law of your own.
+
+    ``slope`` is ``f'(0)`` (a stress), ``limit`` is
+    ``f_inf`` (energy per area, as toughness). Raises ``ValueError`` unless both are positive.
+    """
+
+    slope: float
+    limit: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.slope) and self.slope > 0.0):
+            raise ValueError(f"slope = {self.slope}: f'(0) must be positive and finite")
+        if not self.limit > 0.0:
+            raise ValueError(f"limit = {self.limit}: f_inf must be positive")
+
+    @property
+    def b(self) -> float:
+        """The paper's b = f'(0) / f_inf, the inverse of the q at which the law bends over."""
+        return self.slope / self.limit
+
+    def f(self, q: Floats) -> Floats:
+        raise TypeError(f"{type(self).__name__} must define f(q)")
+
+    def df(self, q: Floats) -> Floats:
+        raise TypeError(f"{type(self).__name__} must define df(q), the derivative of f")
+
+    def d2f(self, q: Floats) -> Floats:
+        raise TypeError(f"{type(self).__name__} must define d2f(q), the second derivative of f")
+
+    # F1 and its derivatives: the only form in which the kernels see a law.
+    def energy(self, T: Floats) -> Floats:
+        """Return ``F1(T) = f(T^2)`` of scaled strains T (any shape)."""
+        return self.f(T * T)
+
+    def gradient(self, T: Floats) -> Floats:
+        """Return ``F1'(T) = 2 T f'(T^2)``."""
+        g = self.df(T * T)
+        g *= T
+        g *= 2.0
+        return g
+
+    def hessian(self, T: Floats) -> Floats:
+        """Return ``F1''(T) = 2 f'(T^2) + 4 T^2 f''(T^2)``; ``hessian(0) = 2 f'(0)``."""
+        q = T * T
+        return 2.0 * self.df(q) + 4.0 * q * self.d2f(q)
+
+    @cached_property
+    def inflection(self) -> float:
+        """``rbar``, where the force of a bond is largest: the root of ``f'(T^2) + 2 T^2 f''(T^2) = 0``."""
+        from scipy import optimize
+
+        scale = self._scale
+        grid = scale * np.geomspace(1e-6, 1e6, 1201)
+        with np.errstate(all="ignore"):  # far out a user's law may overflow; what is not a number bends nowhere
+            bend = np.nan_to_num(self.hessian(grid), nan=1.0)
+        falling = np.flatnonzero(bend <= 0.0)
+        if not len(falling):
+            return float("inf")
+        first = falling[0]
+        if first == 0 or bend[first] == 0.0:
+            return float(grid[first])
+        return float(
+            optimize.brentq(lambda T: float(self.hessian(np.array([T]))[0]), grid[first - 1], grid[first])
+        )
+
+    def critical_strain(self, r: Floats | float) -> Floats:
+        """Return ``S_c = rbar / sqrt(r)`` of bonds of length r; beyond it a bond softens (paper, 2.1)."""
+        return self.inflection / np.sqrt(np.asarray(r, dtype=float))
+
+    @cached_property
+    def suprema(self) -> tuple[float, float, float, float]:
+        """``C1..C4``, the suprema of ``|F1'| .. |F1''''|`` (paper, before eq. 2.20), found numerically."""
+        from scipy.interpolate import make_interp_spline
+
+        T = self._scale * np.linspace(-0.5, 12.0, 6001)
+        second = make_interp_spline(T, self.hessian(T), k=7)
+        inner = T[40:-40]
+        third, fourth = second.derivative(1)(inner), second.derivative(2)(inner)
+        return (
+            float(np.abs(self.gradient(inner)).max()),
+            float(np.abs(self.hessian(inner)).max()),
+            float(np.abs(third).max()),
+            float(np.abs(fourth).max()),
+        )
+
+    @property
+    def _scale(self) -> float:
+        """The T at which ``f'(0) T^2`` reaches ``f_inf`` (1 for a law without a limit)."""
+        return 1.0 / np.sqrt(self.b) if np.isfinite(self.limit) else 1.0
+
+
+@dataclass(frozen=True)
+class Exponential(Potential):
+    """``f(q) = C (1 - exp(-b q))`` with ``C = f_inf``, ``b = f'(0) / f_inf``.
+
+    >>> law = Exponential(slope=8.0, limit=2.0)
+    >>> round(law.inflection ** 2, 12)           # 1 / (2 b)
+    0.125
+    """
+
+    def f(self, q: Floats) -> Floats:
+        return -self.limit * np.expm1(-self.b * q)
+
+    def df(self, q: Floats) -> Floats:
+        g = np.multiply(q, -self.b)
+        np.exp(g, out=g)
+        g *= self.slope
+        return g
+
+    def d2f(self, q: Floats) -> Floats:
+        return -self.b * self.df(q)
+
+    @cached_property
+    def inflection(self) -> float:
+        return float(np.sqrt(0.5 / self.b))
+
+    @cached_property
+    def suprema(self) -> tuple[float, float, float, float]:
+        from scipy import special
+
+        # The n-th derivative of exp(-x^2) is largest at the smallest root of the Hermite polynomial H_{n+1}.
+        roots = [np.abs(special.roots_hermite(n + 1)[0]).min() for n in (1, 2, 3, 4)]
+        values = [abs(special.eval_hermite(n, x)) * np.exp(-(x**2)) for n, x in zip((1, 2, 3, 4), roots, strict=True)]
+        c1, c2, c3, c4 = (self.limit * np.sqrt(self.b) ** n * v for n, v in zip((1, 2, 3, 4), values, strict=True))
+        return float(c1), float(c2), float(c3), float(c4)
+
+
+@dataclass(frozen=True)
+class Rational(Potential):
+    """``f(q) = C b q / (1 + b q)`` with ``C = f_inf``, ``b = f'(0) / f_inf``.
+
+    >>> Rational(slope=8.0, limit=2.0).f(np.array([0.25]))
+    array([1.])
+    """
+
+    def f(self, q: Floats) -> Floats:
+        # as C (1 - 1/(1 + b q)) it would lose digits at small q; as C b q / (1 + b q) it overflows late
+        return self.limit / (1.0 + 1.0 / np.maximum(self.b * q, np.finfo(float).tiny))
+
+    def df(self, q: Floats) -> Floats:
+        g = np.multiply(q, self.b)
+        g += 1.0
+        np.reciprocal(g, out=g)
+        g *= g
+        g *= self.slope
+        return g
+
+    def d2f(self, q: Floats) -> Floats:
+        return -2.0 * self.b * self.slope / (1.0 + self.b * q) ** 3
+
+    @cached_property
+    def inflection(self) -> float:
+        return float(np.sqrt(1.0 / (3.0 * self.b)))
+
+    @cached_property
+    def suprema(self) -> tuple[float, float, float, float]:
+        # With x = cot(t) the n-th derivative of 1/(1 + x^2) is n! sin((n+1) t) sin(t)^(n+1), extremal at sin((n+2) t) = 0.
+        def largest(n: int) -> float:
+            t = np.pi * np.arange(1, n + 2) / (n + 2)
+            return float(factorial(n) * np.abs(np.sin((n + 1) * t) * np.sin(t) ** (n + 1)).max())
+
+        c1, c2, c3, c4 = (self.limit * np.sqrt(self.b) ** n * largest(n) for n in (1, 2, 3, 4))
+        return float(c1), float(c2), float(c3), float(c4)
+
+
+@dataclass(frozen=True)
+class Linear(Potential):
+    """``f(q) = f'(0) q``: bonds that never soften; the reference law and the law of no-fail regions.
+
+    >>> Linear(slope=3.0).gradient(np.array([0.5]))
+    array([3.])
+    """
+
+    limit: float = float("inf")
+
+    def f(self, q: Floats) -> Floats:
+        return self.slope * q
+
+    def df(self, q: Floats) -> Floats:
+        return np.full_like(q, self.slope)
+
+    def d2f(self, q: Floats) -> Floats:
+        return np.zeros_like(q)
+
+    def gradient(self, T: Floats) -> Floats:
+        return T * (2.0 * self.slope)
+
+    @cached_property
+    def inflection(self) -> float:
+        return float("inf")
+
+    @cached_property
+    def suprema(self) -> tuple[float, float, float, float]:
+        return float("inf"), 2.0 * self.slope, 0.0, 0.0
+
+
+@dataclass(frozen=True)
+class Own(Potential):
+    """A user's own law from any object that gives ``f, df, d2f``.
+
+    >>> class Tanh:
+    ...     f = staticmethod(np.tanh)
+    ...     df = staticmethod(lambda q: 1 / np.cosh(q) ** 2)
+    ...     d2f = staticmethod(lambda q: -2 * np.tanh(q) / np.cosh(q) ** 2)
+    >>> law = own_potential(Tanh())
+    >>> law.slope, law.limit, round(law.inflection, 6)
+    (1.0, 1.0, 0.722367)
+    """
+
+    law: Any = None
+
+    def f(self, q: Floats) -> Floats:
+        return np.asarray(self.law.f(q), dtype=float)
+
+    def df(self, q: Floats) -> Floats:
+        return np.array(self.law.df(q), dtype=float)
+
+    def d2f(self, q: Floats) -> Floats:
+        return np.asarray(self.law.d2f(q), dtype=float)
+
+
+def own_potential(law: Any) -> Potential:
+    """Wrap any object with ``f(q), df(q), d2f(q)``; ``f'(0)`` and ``f_inf`` are read off it.
+
+    Raises ``ValueError`` when ``f(0)`` is not 0, ``f'(0)`` is not positive or ``df`` is not the derivative of f.
+    """
+    zero = np.zeros(1)
+    slope = float(np.asarray(law.df(zero))[0])
+    if abs(float(np.asarray(law.f(zero))[0])) > 0.0:
+        raise ValueError(f"potential {law!r}: f(0) = {float(np.asarray(law.f(zero))[0]):g} must be 0")
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        far = np.asarray(law.f(np.array([1e12, 1e15])), dtype=float)
+    bounded = np.isfinite(far).all() and far[1] <= far[0] * (1.0 + 1e-6)
+    wrapped = Own(slope=slope, limit=float(far[1]) if bounded else float("inf"), law=law)
+    q = wrapped._scale**2 * np.array([0.1, 1.0])
+    step = 1e-5 * q
+    difference = (wrapped.f(q + step) - wrapped.f(q - step)) / (2 * step)
+    if not np.allclose(difference, wrapped.df(q), rtol=1e-5, atol=1e-7 * slope):
+        raise ValueError(f"potential {law!r}: df is not the derivative of f (at q = {q[0]:g}: {wrapped.df(q)[0]:g}, "
+                         f"difference quotient {difference[0]:g})")
+    return wrapped
+
+
+NAMED: dict[str, Callable[[float, float], Potential]] = {
+    "exponential": Exponential,
+    "rational": Rational,
+    "linear": lambda slope, limit: Linear(slope),
+}
+
+
+def make_potential(what: Any, slope: float, limit: float) -> Potential:
+    """Return the law ``what`` with this ``f'(0)`` and ``f_inf``: a name, or a callable ``(slope, limit) -> law``.
+
+    >>> make_potential("rational", 8.0, 2.0).b
+    4.0
+    """
+    if isinstance(what, str):
+        if what not in NAMED:
+            raise ValueError(f"potential = {what!r} is not known; it can be {', '.join(NAMED)}")
+        return NAMED[what](slope, limit)
+    if not callable(what):
+        raise ValueError(f"potential = {what!r} must be a name or a callable (slope, limit) -> law")
+    law = what(slope, limit)
+    made = law if isinstance(law, Potential) else own_potential(law)
+    if not np.isclose(made.slope, slope, rtol=1e-6):
+        raise ValueError(f"potential {what!r} was asked for f'(0) = {slope:g} and gives {made.slope:g}")
+    return made

@@ -1,0 +1,1 @@
+"""The nonlocal operators: energy, its gradient and its Hessian, mass and loads."""

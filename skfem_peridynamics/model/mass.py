@@ -1,0 +1,58 @@
+"""Mass matrices of the vector P1 space, and the projections onto it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.sparse as sparse
+
+from .._types import Basis, Csr, Floats
+from ..geometry.simplices import vertex_volumes
+
+
+def mass_matrix(basis: Basis, *, density: float = 1.0, kind: str = "lumped") -> Csr:
+    """Return ``rho (phi_i, phi_j)`` as csr: ``"lumped"`` (row sums, diagonal) or ``"consistent"`` (scikit-fem's).
+
+    >>> import skfem
+    >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 3)), skfem.ElementVector(skfem.ElementLineP1()))
+    >>> mass_matrix(basis, density=2.0).diagonal().tolist()
+    [0.5, 1.0, 0.5]
+    """
+    if not (np.isfinite(density) and density > 0.0):
+        raise ValueError(f"density = {density} must be a positive number")
+    if kind == "lumped":
+        return sparse.csr_matrix(sparse.diags(density * np.repeat(vertex_volumes(basis.mesh), basis.mesh.dim())))
+    if kind != "consistent":
+        raise ValueError(f'kind = {kind!r} must be "lumped" or "consistent"')
+    from skfem import BilinearForm
+    from skfem.helpers import dot
+
+    return sparse.csr_matrix(density * BilinearForm(lambda u, v, w: dot(u, v)).assemble(basis))
+
+
+def interpolate(basis: Basis, function: Callable[[Floats], Floats]) -> Floats:
+    """Return ``I_h(function)``: its values at the vertices (paper, section 3); x is (dim, n), so is the result.
+
+    >>> import skfem
+    >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 3)), skfem.ElementVector(skfem.ElementLineP1()))
+    >>> interpolate(basis, lambda x: x**2).tolist()
+    [0.0, 0.25, 1.0]
+    """
+    p = basis.mesh.p
+    values = np.stack(np.broadcast_arrays(*np.asarray(function(p), dtype=float), p[0])[:-1])
+    if values.shape != p.shape:
+        raise ValueError(f"function gives {values.shape[0]} components; the displacement has {p.shape[0]}")
+    return values.T.ravel()
+
+
+def project(basis: Basis, function: Callable[[Floats], Floats]) -> Floats:
+    """Return ``r_h(function)``: the L2 projection of scikit-fem (paper, eq. 3.4); x is (dim, ...), so is the result.
+
+    >>> import skfem
+    >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 3)), skfem.ElementVector(skfem.ElementLineP1()))
+    >>> project(basis, lambda x: 2 * x).round(12).tolist()
+    [0.0, 1.0, 2.0]
+    """
+    projected: Floats = basis.project(function)
+    return projected

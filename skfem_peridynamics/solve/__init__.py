@@ -1,0 +1,1 @@
+"""Time: the stable step, the central difference method and what is prescribed."""

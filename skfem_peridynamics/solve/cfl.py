@@ -1,0 +1,149 @@
+"""The largest stable step of the central difference method, four ways (docs/model.md, section 6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, nan, sqrt
+
+import numpy as np
+import scipy.sparse as sparse
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
+
+from .._types import Floats
+from ..geometry.simplices import element_volumes
+from ..material.influence import as_influence
+from ..model.peridynamics import Peridynamics
+
+_DENSE = 128  # unknowns up to which the whole spectrum is computed
+
+
+@dataclass(frozen=True)
+class StepLimit:
+    """Bounds and estimates of ``lam = sup a_l(u, u) / (rho (u, u))``, each in 1 / time^2; the step is ``2 / sqrt(lam)``.
+
+    ``eigenvalue`` and ``residual``: Ritz value and its residual (nan when Lanczos did not converge).
+    ``nodal_bound``: guaranteed for these bonds. ``row_sum``: what other codes use. ``closed_form``: a bound for the
+    exact integrals, infinite in 1D; a sampled energy can exceed it. ``products``: applications of the stiffness.
+    """
+
+    eigenvalue: float
+    residual: float
+    nodal_bound: float
+    row_sum: float
+    closed_form: float
+    products: int
+
+    @property
+    def dt(self) -> float:
+        """The step from ``min(nodal bound, Ritz value + residual)``: Lanczos approaches from the unsafe side."""
+        ritz = self.eigenvalue + self.residual
+        return 2.0 / sqrt(ritz if ritz < self.nodal_bound else self.nodal_bound)
+
+    def steps(self) -> dict[str, float]:
+        """Return the step that each estimate alone would allow (nan where there is none)."""
+        names = ("eigenvalue", "nodal_bound", "closed_form", "row_sum")
+        values = {name: float(getattr(self, name)) for name in names}
+        return {name: 0.0 if lam == inf else 2.0 / sqrt(lam) for name, lam in values.items()}
+
+
+def diagonal_mass(M: sparse.spmatrix | Floats) -> Floats:
+    """Return the diagonal of a lumped mass matrix. Raises ``ValueError`` unless it is diagonal and positive."""
+    if sparse.issparse(M):
+        off = M.nnz - np.count_nonzero(M.diagonal())
+        if off and sparse.coo_matrix(M - sparse.diags(M.diagonal())).count_nonzero():
+            raise ValueError(f'M has {off} entries off its diagonal; this scheme needs mass_matrix(kind="lumped")')
+        m = M.diagonal()
+    else:
+        m = np.asarray(M, dtype=float)
+    if m.ndim != 1 or not np.isfinite(m).all() or not (m > 0.0).all():
+        raise ValueError("M must have a positive, finite diagonal")
+    return m
+
+
+def closed_form(body: Peridynamics, density: float) -> float:
+    """Return ``8 f'(0) Jbar_1 / (rho d horizon^2)``: d times sharper than the paper's ``L1 / horizon^2``; infinite in 1D.
+
+    It bounds the exact integrals of any mesh, whatever h.
+    """
+    bonds = body.bonds
+    mean = as_influence(bonds.influence).mean_inverse_power(1.0, bonds.dim)
+    return 8.0 * body.law.slope * mean / (density * bonds.dim * bonds.horizon**2)
+
+
+def nodal_bounds(body: Peridynamics, m: Floats) -> tuple[float, float]:
+    """Return the guaranteed nodal bound and the row-sum estimate, from one pass over the bonds.
+
+    With ``A_i`` the stiffness that all bonds of vertex i hang on it, they are the maxima over the vertices of
+    ``2 lam_max(A_i) / m_i`` and ``2 trace(A_i) / m_i``.
+    """
+    dim, n = body.bonds.dim, body.bonds.mesh.nvertices
+    A = np.zeros((dim, dim, n))
+    for block in body.blocks:
+        p = block.B.data.reshape(-1, 2 * dim)[:, dim:]
+        weight = 2.0 * block.law.slope * block.k
+        low = block.first // dim
+        width = block.B.shape[1] // dim
+        for end in block.ends(dim):
+            for a in range(dim):
+                for b in range(a, dim):
+                    part = np.bincount(end - low, weight * p[:, a] * p[:, b], width)
+                    A[a, b, low : low + width] += part
+                    if b > a:
+                        A[b, a, low : low + width] += part
+    mass = body.inward(m).reshape(n, dim)[:, 0]
+    stiffest = np.linalg.eigvalsh(np.moveaxis(A, 2, 0))[:, -1]
+    return float((2.0 * stiffest / mass).max()), float((2.0 * np.trace(A) / mass).max())
+
+
+def largest_eigenvalue(body: Peridynamics, m: Floats, tolerance: float) -> tuple[float, float, int]:
+    """Return Ritz value, residual norm and number of products for the largest eigenvalue of ``K x = lam M x``.
+
+    Matrix-free Lanczos (SciPy's eigsh) on ``M^-1/2 K M^-1/2``; small problems by their whole spectrum.
+    """
+    scale = 1.0 / np.sqrt(m)
+    if len(m) <= _DENSE:
+        K = body.stiffness().toarray()
+        lam = np.linalg.eigvalsh(scale[:, None] * K * scale)
+        return float(lam[-1]), float(abs(lam).max() * len(m) * np.finfo(float).eps), 0
+    K = body.stiffness_operator()
+    count = 0
+
+    def apply(x: Floats) -> Floats:
+        nonlocal count
+        count += 1
+        product: Floats = scale * (K @ (scale * x))
+        return product
+
+    A = LinearOperator(K.shape, matvec=apply, dtype=np.dtype(float))
+    start = np.random.default_rng(0).standard_normal(len(m))
+    try:
+        value, vector = eigsh(A, k=1, which="LA", tol=tolerance, ncv=20, maxiter=60, v0=start)
+    except ArpackNoConvergence:
+        return nan, nan, count
+    x = vector[:, 0]
+    return float(value[0]), float(np.linalg.norm(apply(x) - value[0] * x)), count
+
+
+def stable_time_step(body: Peridynamics, M: sparse.spmatrix, *, tolerance: float = 1e-3) -> StepLimit:
+    """Return the largest stable step of the linearised model on this mesh, with all its estimates.
+
+    The paper's condition is ``dt^2/4 sup a_l(u,u)/(u,u) <= 1``. For laws with ``f'' <= 0`` the tangent never exceeds
+    its value at rest, so the limit serves the whole nonlinear run.
+
+    ``M`` is the lumped mass of the scheme; ``tolerance`` is relative, for the eigenvalue.
+
+    >>> import skfem
+    >>> from skfem_peridynamics import BondBasis, Linear, mass_matrix
+    >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 101)), skfem.ElementVector(skfem.ElementLineP1()))
+    >>> body = Peridynamics(BondBasis(basis, horizon=0.03), Linear(slope=1.0))
+    >>> limit = stable_time_step(body, mass_matrix(basis))
+    >>> round(limit.dt, 5), limit.eigenvalue < limit.nodal_bound, limit.closed_form
+    (0.01964, True, inf)
+    """
+    m = diagonal_mass(M)
+    nodal, row_sum = nodal_bounds(body, m)
+    if not nodal > 0.0:
+        raise ValueError("no bond has any stiffness: there is no stable step to compute")
+    value, residual, products = largest_eigenvalue(body, m, tolerance)
+    density = float(m.sum()) / (body.bonds.dim * float(element_volumes(body.bonds.mesh).sum()))
+    return StepLimit(value, residual, nodal, row_sum, closed_form(body, density), products)
