@@ -145,15 +145,19 @@ def slit(mesh: Mesh, *cracks: Crack, facets: Any = None, name: str = "slit") -> 
         mesh, doflocs=mesh.p[:, origin], t=t, _boundaries=None, _subdomains=mesh.subdomains
     )
     # facets keep their identity as sets of original vertices
-    before = np.sort(mesh.facets, axis=0)
-    after = np.sort(origin[opened.facets], axis=0)
-    _, label = np.unique(np.concatenate([before, after], axis=1), axis=1, return_inverse=True)
-    label = label.ravel()
-    old, new = label[: before.shape[1]], label[before.shape[1] :]
+    old, new = _label(mesh.facets, mesh.nvertices), _label(origin[opened.facets], mesh.nvertices)
     named = dict(mesh.boundaries or {})
     boundaries = {key: np.flatnonzero(np.isin(new, old[value])).astype(np.int32) for key, value in named.items()}
     boundaries[name] = np.flatnonzero(np.isin(new, old[cut])).astype(np.int32)
     return dataclasses.replace(opened, _boundaries=boundaries)
+
+
+def _label(facets: Longs, nvertices: int) -> Longs:
+    """One number per facet from its vertices, whatever their order (exact up to two million vertices in 3D)."""
+    label = np.zeros(facets.shape[1], dtype=np.int64)
+    for vertex in np.sort(facets, axis=0).astype(np.int64):
+        label = label * nvertices + vertex
+    return label
 
 
 def _split(mesh: Mesh, cut: Longs) -> tuple[Ints, Longs]:

@@ -24,7 +24,7 @@ from .._types import Csr, Floats, Longs
 from ..bonds.bond_basis import BondBasis
 from ..material.potential import Potential
 
-BLOCK = 1 << 16  # bonds: large enough to outweigh the calls, small enough for the cache
+BLOCK = 1 << 17  # bonds: large enough to outweigh the calls, small enough to stay in cache
 
 _T = TypeVar("_T")
 

@@ -112,13 +112,20 @@ class Peridynamics:
         u = np.asarray(u, dtype=float)
         if u.shape != (self.bonds.basis.N,):
             raise ValueError(f"u has shape {u.shape}; the basis has {self.bonds.basis.N} degrees of freedom")
-        return u.reshape(-1, self.bonds.dim).take(self.bonds.order, axis=0).ravel()
+        return u.take(self._places[0])
 
     def outward(self, F: Floats) -> Floats:
         """Return internal nodal values in the numbering of the basis."""
-        out = np.empty((len(self.bonds.order), self.bonds.dim))
-        out[self.bonds.order] = F.reshape(-1, self.bonds.dim)
-        return out.ravel()
+        return F.take(self._places[1])
+
+    @cached_property
+    def _places(self) -> tuple[Longs, Longs]:
+        """Degree of freedom of the basis at each internal place, and the way back."""
+        dim = self.bonds.dim
+        inner: Longs = (self.bonds.order[:, None] * dim + np.arange(dim)).ravel()
+        back = np.empty_like(inner)
+        back[inner] = np.arange(len(inner))
+        return inner, back
 
     def gather(self, function: Callable[[Block], Floats]) -> Floats:
         """Sum what each block adds to its window, in block order."""
@@ -170,8 +177,7 @@ class Peridynamics:
         return LinearOperator((size, size), matvec=apply, rmatvec=apply, dtype=np.dtype(float))
 
     def _assemble(self, weights: Sequence[Floats]) -> Csr:
-        size, dim = self.bonds.basis.N, self.bonds.dim
-        number: Longs = (self.bonds.order[:, None] * dim + np.arange(dim)).ravel()
+        size, (number, _) = self.bonds.basis.N, self._places
         total = sparse.csr_matrix((size, size))
         rows, cols, values, held = [], [], [], 0
         for block, weight in zip(self.blocks, weights, strict=True):
