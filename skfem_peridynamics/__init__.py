@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from ._version import __version__
-from .analysis.damage import Damage, damage
+from .analysis.damage import Census, Damage, census, damage
 from .analysis.energies import discrete_energy
 from .bonds.bond_basis import BondBasis
 from .bonds.rules import PairRule
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BondBasis",
+    "Census",
     "Crack",
     "Damage",
     "Elastic",
@@ -49,6 +50,7 @@ __all__ = [
     "__version__",
     "body_force",
     "boundary_function",
+    "census",
     "central_difference",
     "collar",
     "conical",

@@ -6,63 +6,113 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._types import Floats, Longs
+from .._types import Floats
+from ..model.kernels import Block
 from ..model.peridynamics import Peridynamics
+
+
+@dataclass(frozen=True)
+class Census:
+    """Bonds counted over the whole body: the largest ``Z = |S| / S_c``, softened bonds, and where the energy sits."""
+
+    Z: float
+    softened: int
+    energy_intact: float
+    energy_softened: float
+
+    @property
+    def elastic(self) -> float:
+        """The energy of all bonds, ``PD(u)``."""
+        return self.energy_intact + self.energy_softened
 
 
 @dataclass(frozen=True, eq=False)
 class Damage:
-    """The state of the bonds under one displacement.
+    """The state of the bonds at the vertices under one displacement.
 
     ``Z`` (nvertices,) is ``max |S| / S_c`` over the bonds of a vertex, 0 where no bond can fail; ``intact`` (nvertices,)
-    the fraction of a vertex's bonds with ``|S| <= S_c``; ``softened`` counts the others; the two energies add up to
-    the elastic one. No-fail bonds are always intact.
+    the fraction of a vertex's bonds with ``|S| <= S_c``; ``softened`` counts the others. No-fail bonds are intact.
     """
 
     Z: Floats
     intact: Floats
     softened: int
-    energy_intact: float
-    energy_softened: float
 
 
-def damage(body: Peridynamics, u: Floats) -> Damage:
-    """Return the state of all bonds (paper, section 2.1), from one pass over them.
+def _ratio(block: Block, T: Floats) -> Floats:
+    """``|S| / S_c`` of bonds, which is ``|T| / rbar``; 0 for a law that never softens."""
+    Z: Floats = np.abs(T)
+    Z *= 1.0 / block.law.inflection
+    return Z
+
+
+def census(body: Peridynamics, u: Floats) -> Census:
+    """Count bonds and energies of a displacement, in one pass.
 
     >>> import skfem
     >>> from skfem_peridynamics import BondBasis, Exponential
     >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 5)), skfem.ElementVector(skfem.ElementLineP1()))
     >>> body = Peridynamics(BondBasis(basis, horizon=0.25), Exponential(slope=1.0, limit=1.0))
-    >>> d = damage(body, np.array([0.0, 0.0, 0.0, 5.0, 5.0]))          # torn between the third and fourth vertex
-    >>> d.softened, d.intact.tolist(), round(float(d.Z[2]), 6)         # Z = S sqrt(2 b r), S = 20, r = 1/4
+    >>> torn = census(body, np.array([0.0, 0.0, 0.0, 5.0, 5.0]))         # between the third and fourth vertex
+    >>> torn.softened, torn.energy_intact, round(torn.energy_softened, 12)
+    (1, 0.0, 0.5)
+    """
+    v = body.inward(u)
+
+    def look(block: Block) -> tuple[float, int, float, float]:
+        T = block.strains(v)
+        energy = block.law.energy(T)
+        energy *= block.k
+        Z = _ratio(block, T)
+        largest = float(Z.max())
+        soft = np.flatnonzero(Z > 1.0) if largest > 1.0 else ()
+        lost = float(energy[soft].sum()) if len(soft) else 0.0
+        if len(soft):
+            energy[soft] = 0.0
+        return largest, len(soft), float(energy.sum()), lost
+
+    rows = list(body.team.map(look, body.blocks))
+    return Census(
+        max(row[0] for row in rows),
+        sum(row[1] for row in rows),
+        sum(row[2] for row in rows),
+        sum(row[3] for row in rows),
+    )
+
+
+def damage(body: Peridynamics, u: Floats) -> Damage:
+    """Return what each vertex sees of the state of its bonds (paper, section 2.1).
+
+    >>> import skfem
+    >>> from skfem_peridynamics import BondBasis, Exponential
+    >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 5)), skfem.ElementVector(skfem.ElementLineP1()))
+    >>> body = Peridynamics(BondBasis(basis, horizon=0.25), Exponential(slope=1.0, limit=1.0))
+    >>> d = damage(body, np.array([0.0, 0.0, 0.0, 5.0, 5.0]))
+    >>> d.softened, d.intact.tolist(), round(float(d.Z[2]), 6)          # Z = S sqrt(2 b r), S = 20, r = 1/4
     (1, [1.0, 1.0, 0.5, 0.5, 1.0], 14.142136)
     """
     v = body.inward(u)
     n, dim = body.bonds.mesh.nvertices, body.bonds.dim
-    Z, all_bonds, soft_bonds = np.zeros(n), np.zeros(n), np.zeros(n)
-    energy = [0.0, 0.0]
-    softened = 0
-    for block in body.blocks:
-        T = block.strains(v)
-        ends: tuple[Longs, Longs] = block.ends(dim)
-        share = block.k * block.law.energy(T)
-        np.abs(T, out=T)
-        T *= 1.0 / block.law.inflection
-        soft = T > 1.0
-        if soft.any():
-            softened += int(soft.sum())
-            lost = float(share[soft].sum())
-            energy[1] += lost
-            energy[0] += float(share[~soft].sum())
-        else:
-            energy[0] += float(share.sum())
-        for end in ends:
-            all_bonds += np.bincount(end, minlength=n)
-            if np.isfinite(block.law.inflection):
-                np.maximum.at(Z, end, T)
-                if soft.any():
-                    soft_bonds += np.bincount(end[soft], minlength=n)
-    intact = 1.0 - soft_bonds / np.maximum(all_bonds, 1.0)
+    Z, every, gone = np.zeros(n), np.zeros(n), np.zeros(n)
+
+    def look(block: Block) -> tuple[slice, Floats, Floats, Floats]:
+        low, width = block.first // dim, block.B.shape[1] // dim
+        ratio = _ratio(block, block.strains(v))
+        soft = np.flatnonzero(ratio > 1.0)
+        largest, count, lost = np.zeros(width), np.zeros(width), np.zeros(width)
+        for end in block.ends(dim):
+            place = end - low
+            np.maximum.at(largest, place, ratio)
+            count += np.bincount(place, minlength=width)
+            if len(soft):
+                lost += np.bincount(place[soft], minlength=width)
+        return slice(low, low + width), largest, count, lost
+
+    for window, largest, count, lost in body.team.map(look, body.blocks):
+        np.maximum(Z[window], largest, out=Z[window])
+        every[window] += count
+        gone[window] += lost
+    intact = 1.0 - gone / np.maximum(every, 1.0)
     back = np.empty_like(body.bonds.order)
     back[body.bonds.order] = np.arange(n)
-    return Damage(Z[back], intact[back], softened, energy[0], energy[1])
+    return Damage(Z[back], intact[back], round(float(gone.sum())) // 2)

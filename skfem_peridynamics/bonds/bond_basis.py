@@ -95,7 +95,7 @@ class BondBasis:
         rank = np.empty(len(self.order), dtype=self.mesh.t.dtype)
         rank[self.order] = np.arange(len(self.order), dtype=rank.dtype)
         inner = dataclasses.replace(
-            self.mesh, doflocs=self.points, t=rank[self.mesh.t], _boundaries=None, _subdomains=None
+            self.mesh, doflocs=self.points, t=np.ascontiguousarray(rank[self.mesh.t]), _boundaries=None, _subdomains=None
         )
         return self.rule.bonds(inner, self.horizon)
 

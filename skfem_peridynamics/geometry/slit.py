@@ -142,7 +142,7 @@ def slit(mesh: Mesh, *cracks: Crack, facets: Any = None, name: str = "slit") -> 
     cut = np.unique(np.concatenate(on)).astype(np.int64)
     t, origin = _split(mesh, cut)
     opened = dataclasses.replace(
-        mesh, doflocs=mesh.p[:, origin], t=t, _boundaries=None, _subdomains=mesh.subdomains
+        mesh, doflocs=np.ascontiguousarray(mesh.p[:, origin]), t=np.ascontiguousarray(t), _boundaries=None, _subdomains=mesh.subdomains
     )
     # facets keep their identity as sets of original vertices
     old, new = _label(mesh.facets, mesh.nvertices), _label(origin[opened.facets], mesh.nvertices)

@@ -103,7 +103,8 @@ class Peridynamics:
         return spared
 
     @cached_property
-    def _team(self) -> Team:
+    def team(self) -> Team:
+        """The threads that work on the blocks, started when first needed."""
         return Team(usable_cores() if self.threads is None else self.threads)
 
     # ---- numbering: u of the basis <-> u along the body
@@ -130,7 +131,7 @@ class Peridynamics:
     def gather(self, function: Callable[[Block], Floats]) -> Floats:
         """Sum what each block adds to its window, in block order."""
         total = np.zeros(self.bonds.basis.N)
-        for block, part in zip(self.blocks, self._team.map(function, self.blocks), strict=True):
+        for block, part in zip(self.blocks, self.team.map(function, self.blocks), strict=True):
             total[block.window] += part
         return total
 
@@ -138,7 +139,7 @@ class Peridynamics:
     def energy(self, u: Floats) -> float:
         """Return ``PD(u)`` (paper, eq. 2.4 with 2.6)."""
         v = self.inward(u)
-        return float(sum(self._team.map(lambda block: block.energy(v), self.blocks)))
+        return float(sum(self.team.map(lambda block: block.energy(v), self.blocks)))
 
     def force(self, u: Floats) -> Floats:
         """Return ``-a(u, phi_i)``, minus the gradient of the energy, (N,) (paper, eq. 2.11)."""

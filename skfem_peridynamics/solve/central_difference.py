@@ -66,11 +66,15 @@ class State:
     _body: Any = field(repr=False, default=None)
     _mass: Any = field(repr=False, default=None)
 
+    @property
+    def kinetic(self) -> float:
+        """``v.M v / 2``"""
+        return 0.5 * float(self._mass @ (self.v * self.v))
+
     @cached_property
     def energies(self) -> Energies:
         """Kinetic and elastic energy and external work, computed when first read."""
-        kinetic = 0.5 * float(self._mass @ (self.v * self.v))
-        return Energies(kinetic, float(self._body.energy(self.u)), self.work, self.initial)
+        return Energies(self.kinetic, float(self._body.energy(self.u)), self.work, self.initial)
 
     def copy(self) -> State:
         """Return a state that later steps leave alone."""

@@ -1,0 +1,1 @@
+"""The command: scenes in TOML, runs into a folder, tables and pictures."""

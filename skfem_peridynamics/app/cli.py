@@ -1,0 +1,221 @@
+"""The command ``skfem-peridynamics``: run, cfl, check. Exit codes: 0 fine, 2 a mistake in the input, 1 ours."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from .._version import __version__
+from .reading import SceneError
+from .scene import BondsTable, MaterialTable, MeshTable, Scene, TimeTable
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
+    parser = argparse.ArgumentParser(prog="skfem-peridynamics", description="Nonlocal fracture on scikit-fem meshes.")
+    parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True)
+
+    run = commands.add_parser("run", help="run a scene into a folder")
+    run.add_argument("scene", type=Path)
+    run.add_argument("--out", type=Path, required=True, metavar="DIR")
+    run.add_argument("--quiet", action="store_true", help="no progress, no table at the end")
+
+    cfl = commands.add_parser("cfl", help="the stable time step of a scene or of a mesh file")
+    cfl.add_argument("scene", type=Path, nargs="?")
+    cfl.add_argument("--mesh", metavar="FILE")
+    cfl.add_argument("--horizon", type=float, metavar="H")
+    cfl.add_argument("--young", type=float, metavar="E")
+    cfl.add_argument("--density", type=float, metavar="R")
+    cfl.add_argument("--plane", choices=("stress", "strain"))
+    cfl.add_argument("--influence", choices=("constant", "conical", "gaussian"), default=None)
+    cfl.add_argument("--json", action="store_true", help="print the numbers as JSON")
+
+    check = commands.add_parser("check", help="read a scene and tell its size before anything runs")
+    check.add_argument("scene", type=Path)
+
+    arguments = parser.parse_args(argv)
+    try:
+        return {"run": _run, "cfl": _cfl, "check": _check}[arguments.command](arguments)
+    except KeyboardInterrupt:
+        print("\nskfem-peridynamics: interrupted", file=sys.stderr)
+        return 130
+    except SceneError as error:
+        return _complain(error, 2)
+    except MemoryError as error:
+        return _complain(f"not enough memory: {error or 'take a coarser mesh or a smaller horizon'}", 2)
+    except Exception as error:
+        from ..solve.central_difference import UnstableRun
+
+        if isinstance(error, UnstableRun):
+            return _complain(error, 2)
+        return _complain(f"a fault of the program, please report it: {type(error).__name__}: {error}", 1)
+
+
+def _complain(what: object, code: int) -> int:
+    print(f"skfem-peridynamics: {' '.join(str(what).split())}", file=sys.stderr)
+    return code
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    scene = Scene.read(arguments.scene)
+    from .run import Silent, run
+
+    progress = Silent() if arguments.quiet else _Line()
+    begin = time.perf_counter()
+    if not arguments.quiet:
+        print(f"{scene.title}: setting up", flush=True)
+    summary = run(scene, arguments.out, progress)
+    if not arguments.quiet:
+        seconds = summary["seconds"]
+        parts = ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items())
+        _table(
+            [
+                ("nodes, bonds", f"{summary['nodes']}, {summary['bonds']}"),
+                ("steps, dt", f"{summary['steps']}, {summary['dt']:.6g}"),
+                ("softened bonds", str(summary["softened_bonds"])),
+                ("energy drift", f"{summary['energy_drift']:.2e} of the peak energy"),
+                ("time", f"{time.perf_counter() - begin:.1f} s ({parts})"),
+                ("per step", f"{1e3 * summary['seconds_per_step']:.2f} ms"),
+                ("memory", f"{summary['peak_memory_mb']:.0f} MB"),
+                ("written to", f"{arguments.out}"),
+            ]
+        )
+    return 0
+
+
+def _table(rows: Sequence[tuple[str, str]]) -> None:
+    width = max(len(name) for name, _ in rows)
+    for name, value in rows:
+        print(f"  {name:<{width}}  {value}")
+
+
+class _Line:
+    """One line that is rewritten on a terminal; a line every tenth of the run elsewhere."""
+
+    def begin(self, what: str, steps: int) -> None:
+        self.what, self.steps, self.start, self.shown = what, steps, time.perf_counter(), -1.0
+        self.told = ""
+        self.live = sys.stdout.isatty()
+
+    def advance(self, step: int, energy: float | None = None, largest_Z: float | None = None) -> None:
+        if energy is not None:
+            self.told = f", energy {energy:.4g}, largest Z {largest_Z:.3g}"
+        now = time.perf_counter()
+        due = now - self.shown > 0.2 if self.live else step * 10 // self.steps > int(self.shown)
+        if step and (due or step == self.steps):
+            self.shown = now if self.live else float(step * 10 // self.steps)
+            rate = step / (now - self.start)
+            left = (self.steps - step) / rate
+            line = f"step {step}/{self.steps}, {rate:.1f} steps/s, {left:.0f} s left{self.told}"
+            print(f"\r\x1b[K{line}" if self.live else line, end="" if self.live else "\n", flush=True)
+
+    def end(self) -> None:
+        if self.live:
+            print(flush=True)
+
+
+def _from_flags(arguments: argparse.Namespace) -> Scene:
+    """A scene with just enough in it for a step limit."""
+    missing = [f"--{name}" for name in ("mesh", "horizon", "young", "density") if getattr(arguments, name) is None]
+    if missing:
+        raise SceneError(f"cfl needs a scene, or a mesh file with {', '.join(missing)} as well")
+    for name in ("horizon", "young", "density"):
+        if not 0.0 < getattr(arguments, name) < float("inf"):
+            raise SceneError(f"--{name} {getattr(arguments, name)} must be a positive number")
+    return Scene(
+        title=arguments.mesh,
+        mesh=MeshTable(file=arguments.mesh),
+        material=MaterialTable(density=arguments.density, young=arguments.young, plane=arguments.plane, potential="linear"),
+        bonds=BondsTable(horizon=arguments.horizon, influence=arguments.influence or "constant"),
+        time=TimeTable(until=1.0),
+    )
+
+
+def _cfl(arguments: argparse.Namespace) -> int:
+    flags = [name for name in ("mesh", "horizon", "young", "density", "plane", "influence") if getattr(arguments, name) is not None]
+    if arguments.scene is not None and flags:
+        raise SceneError(f"--{flags[0]} goes with --mesh, not with a scene; change the scene instead")
+    scene = _from_flags(arguments) if arguments.scene is None else Scene.read(arguments.scene)
+    from .build import Problem
+
+    begin = time.perf_counter()
+    problem = Problem(replace(scene, load=(), fixed=()))
+    limit = problem.limit
+    numbers: dict[str, Any] = {
+        "nodes": int(problem.mesh.nvertices),
+        "bonds": int(problem.bonds.nbonds),
+        "dt": limit.dt,
+        "dt_limit": limit.steps(),
+        "largest_eigenvalue": limit.eigenvalue,
+        "residual": limit.residual,
+        "stiffness_products": limit.products,
+        "seconds": time.perf_counter() - begin,
+        "version": __version__,
+    }
+    if arguments.json:
+        from .output import _plain
+
+        print(json.dumps(_plain(numbers), indent=2, allow_nan=False))
+        return 0
+    steps = limit.steps()
+
+    def against(dt: float) -> str:
+        return f"{dt:<12.6g} {dt / limit.dt:6.3f} of the limit" if dt > 0.0 else "none in 1D: the exact integrals have no bound"
+
+    print(f"stable time step of {scene.title}")
+    _table(
+        [
+            ("nodes, bonds", f"{numbers['nodes']}, {numbers['bonds']}"),
+            ("limit", f"{limit.dt:<12.6g} take 0.8 to 0.95 of it"),
+            ("eigenvalue", against(steps["eigenvalue"]) + f", residual {limit.residual / limit.eigenvalue:.1e}"),
+            ("nodal bound", against(steps["nodal_bound"]) + ", guaranteed"),
+            ("closed form", against(steps["closed_form"])),
+            ("row sum", against(steps["row_sum"]) + ", what other codes use"),
+            ("seconds", f"{numbers['seconds']:.2f} ({limit.products} products)"),
+        ]
+    )
+    return 0
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    scene = Scene.read(arguments.scene)
+    from math import ceil
+
+    from .build import Problem, free_memory
+
+    problem = Problem(scene)
+    material = problem.material
+    dim = problem.mesh.dim()
+    expected, need = problem.expected_bonds, problem.expected_bytes
+    assert (problem.load, problem.fixed, problem.u0, problem.v0) is not None
+    for k, table in enumerate(scene.no_fail):
+        problem.vertices(table, f"no_fail[{k}]")
+    rows = [
+        ("dimension, nodes", f"{dim}, {problem.mesh.nvertices}"),
+        ("bonds", f"about {expected}"),
+        ("memory", f"about {need / 1e6:.0f} MB of {free_memory() / 1e6:.0f} MB free"),
+    ]
+    # a step that the exact integrals allow: no bond is made for it
+    from ..bonds.rules import PairRule
+    from ..material.influence import as_influence
+
+    influence = as_influence(scene.bonds.influence)
+    slope = material.law(dim, influence.moment(dim)).slope
+    lam = 8.0 * slope * influence.mean_inverse_power(1.0, dim) / (scene.material.density * dim * scene.bonds.horizon**2)
+    if scene.time.step is not None:
+        rows.append(("steps", f"{ceil(scene.time.until / scene.time.step)} of {scene.time.step:g}, as given"))
+    elif lam < float("inf"):
+        rows.append(("steps", f"at most about {ceil(scene.time.until * lam**0.5 / 2 / scene.time.safety)}"))
+    else:
+        rows.append(("steps", f"{ceil(scene.time.until / problem.dt)}"))
+    del PairRule
+    print(f"{scene.title}: the scene is sound")
+    _table(rows)
+    return 0

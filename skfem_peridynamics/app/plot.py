@@ -1,0 +1,106 @@
+"""Pictures of a run: damage on the body, energies over time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._types import Basis, Floats
+from .output import History
+
+# fraction of softened bonds: pale where a point is whole, dark where nothing holds it
+_COLOURS = "magma_r"
+
+
+def available() -> bool:
+    """Return whether matplotlib is installed, without importing it."""
+    from importlib.util import find_spec
+
+    return find_spec("matplotlib") is not None
+
+
+def _figure(width: float, height: float) -> Any:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=150, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def plot_damage(path: Path, basis: Basis, u: Floats, intact: Floats, title: str) -> None:
+    """Draw the fraction of softened bonds on the body: a curve in 1D, a map in 2D, the damaged vertices in 3D."""
+    mesh = basis.mesh
+    dim, p, broken = mesh.dim(), mesh.p, 1.0 - intact
+    if dim == 1:
+        figure = _figure(7, 4)
+        axes = figure.add_subplot()
+        order = np.argsort(p[0], kind="stable")
+        axes.plot(p[0][order], u[order], color="tab:blue")
+        axes.set_xlabel("x")
+        axes.set_ylabel("displacement", color="tab:blue")
+        other = axes.twinx()
+        other.fill_between(p[0][order], broken[order], color="tab:red", alpha=0.4, linewidth=0)
+        other.set_ylabel("softened bonds, fraction", color="tab:red")
+        other.set_ylim(0, 1)
+    elif dim == 2:
+        wide, high = np.ptp(p, axis=1)
+        scale = 8.0 / max(wide, high)
+        figure = _figure(max(3.5, scale * wide) + 1.2, max(2.0, scale * high) + 0.8)
+        axes = figure.add_subplot()
+        shades = axes.tripcolor(p[0], p[1], mesh.t.T, broken, shading="gouraud", cmap=_COLOURS, vmin=0, vmax=1, rasterized=True)
+        axes.set_aspect("equal")
+        axes.set_xlabel("x")
+        axes.set_ylabel("y")
+        figure.colorbar(shades, ax=axes, label="softened bonds, fraction", shrink=0.8)
+    else:
+        figure = _figure(7.5, 6)
+        axes = figure.add_subplot(projection="3d")
+        low, high = p.min(axis=1), p.max(axis=1)
+        for axis in range(3):
+            others = [k for k in range(3) if k != axis]
+            for corner in np.ndindex(2, 2):
+                line = np.empty((3, 2))
+                line[axis] = low[axis], high[axis]
+                for k, side in zip(others, corner, strict=True):
+                    line[k] = (low[k], high[k])[side]
+                axes.plot(*line, color="0.7", linewidth=0.8)
+        hurt = np.flatnonzero(broken > 0.05)
+        shades = axes.scatter(*p[:, hurt], c=broken[hurt], cmap=_COLOURS, vmin=0, vmax=1, s=6, linewidths=0)
+        axes.set_box_aspect(high - low)
+        axes.set_xlabel("x")
+        axes.set_ylabel("y")
+        axes.set_zlabel("z")
+        figure.colorbar(shades, ax=axes, label="softened bonds, fraction", shrink=0.6)
+    axes.set_title(title)
+    _save(figure, path)
+
+
+def plot_energies(path: Path, history: History, title: str) -> None:
+    """Draw kinetic, elastic and total energy, external work, and the energy of softened bonds over time."""
+    figure = _figure(7, 4.2)
+    axes = figure.add_subplot()
+    t = history.column("t")
+    for name, style in (
+        ("kinetic", "-"),
+        ("intact", "-"),
+        ("softened", "-"),
+        ("total", "k-"),
+        ("work", "k:"),
+    ):
+        label = {"intact": "elastic, intact bonds", "softened": "elastic, softened bonds", "work": "external work"}
+        axes.plot(t, history.column(name), style, label=label.get(name, name), linewidth=1.5)
+    axes.set_xlabel("t")
+    axes.set_ylabel("energy")
+    axes.set_title(title)
+    axes.legend(frameon=False)
+    axes.spines[["top", "right"]].set_visible(False)
+    _save(figure, path)
+
+
+def _save(figure: Any, path: Path) -> None:
+    aside = path.with_name(path.name + ".part")
+    figure.savefig(aside, format="png")
+    aside.replace(path)

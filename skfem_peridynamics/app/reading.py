@@ -1,0 +1,117 @@
+"""Strict reading of tables into frozen dataclasses: every wrong key or value is named with its path."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from difflib import get_close_matches
+from math import isfinite
+from typing import Any, TypeVar
+
+_T = TypeVar("_T")
+
+
+class SceneError(ValueError):
+    """Something in a scene is not as it should be; the message names the key, its value and what would be right."""
+
+
+def key(read: Callable[[Any, str], Any], default: Any = dataclasses.MISSING) -> Any:
+    """Declare a key of a table: how its value is read, and its default (a key without one must be given)."""
+    metadata = {"read": read}
+    if isinstance(default, (list, dict)):
+        raise TypeError("a default must be immutable")
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def table(kind: type[_T]) -> Callable[[Any, str], _T]:
+    """Read a table into a dataclass whose fields were declared with :func:`key`."""
+
+    def read(value: Any, path: str) -> _T:
+        if not isinstance(value, Mapping):
+            raise SceneError(f"{path} = {value!r} must be a table")
+        fields = {field.name: field for field in dataclasses.fields(kind) if field.metadata}  # type: ignore[arg-type]
+        dot = f"{path}." if path else ""
+        for name in value:
+            if name not in fields:
+                near = get_close_matches(str(name), fields, n=1)
+                hint = f"did you mean {near[0]!r}?" if near else f"the keys there are {', '.join(fields)}"
+                raise SceneError(f"{dot}{name} = {value[name]!r}: there is no such key; {hint}")
+        given = {name: fields[name].metadata["read"](value[name], f"{dot}{name}") for name in value}
+        for name, field in fields.items():
+            if name not in given and field.default is dataclasses.MISSING:
+                raise SceneError(f"{dot}{name} is missing; it must be given")
+        try:
+            return kind(**given)
+        except SceneError:
+            raise
+        except ValueError as error:
+            raise SceneError(f"{path}: {error}") from None
+
+    return read
+
+
+def tables(kind: type[_T]) -> Callable[[Any, str], tuple[_T, ...]]:
+    """Read an array of tables, ``[[path]]``."""
+    one = table(kind)
+
+    def read(value: Any, path: str) -> tuple[_T, ...]:
+        if not isinstance(value, list):
+            raise SceneError(f"{path} must be an array of tables: write [[{path}]]")
+        return tuple(one(entry, f"{path}[{k}]") for k, entry in enumerate(value))
+
+    return read
+
+
+def number(value: Any, path: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
+        raise SceneError(f"{path} = {value!r} must be a finite number")
+    return float(value)
+
+
+def positive(value: Any, path: str) -> float:
+    if number(value, path) <= 0.0:
+        raise SceneError(f"{path} = {value!r} must be a positive number")
+    return float(value)
+
+
+def count(value: Any, path: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise SceneError(f"{path} = {value!r} must be a whole number, 0 or more")
+    return value
+
+
+def flag(value: Any, path: str) -> bool:
+    if not isinstance(value, bool):
+        raise SceneError(f"{path} = {value!r} must be true or false")
+    return value
+
+
+def text(value: Any, path: str) -> str:
+    if not isinstance(value, str) or not value:
+        raise SceneError(f"{path} = {value!r} must be a text")
+    return value
+
+
+def choice(*options: str) -> Callable[[Any, str], str]:
+    def read(value: Any, path: str) -> str:
+        if value not in options:
+            raise SceneError(f"{path} = {value!r} must be one of {', '.join(options)}")
+        return str(value)
+
+    return read
+
+
+def rows(value: Any, path: str) -> tuple[tuple[float, ...], ...]:
+    """An array of arrays of numbers, as long as each other."""
+    if not isinstance(value, list) or not value or not all(isinstance(row, list) and row for row in value):
+        raise SceneError(f"{path} = {value!r} must be an array of arrays of numbers")
+    read = tuple(tuple(number(entry, f"{path}[{i}][{k}]") for k, entry in enumerate(row)) for i, row in enumerate(value))
+    if len({len(row) for row in read}) > 1:
+        raise SceneError(f"{path} = {value!r} must have rows of one length")
+    return read
+
+
+def counts(value: Any, path: str) -> tuple[int, ...]:
+    if not isinstance(value, list) or not value:
+        raise SceneError(f"{path} = {value!r} must be an array of whole numbers")
+    return tuple(count(entry, f"{path}[{k}]") for k, entry in enumerate(value))

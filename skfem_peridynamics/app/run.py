@@ -1,0 +1,192 @@
+"""Run a scene into a folder."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from .._types import Floats
+from .._version import __version__
+from ..analysis.damage import Census, census, damage
+from ..solve.central_difference import State, UnstableRun, central_difference
+from . import plot
+from .build import Problem
+from .output import Frames, History, write_summary
+from .reading import SceneError
+from .scene import Scene
+
+COLUMNS = ("t", "step", "kinetic", "intact", "softened", "total", "work", "imbalance", "softened_bonds", "largest_Z")
+
+
+class Progress(Protocol):
+    """What a run tells while it goes on."""
+
+    def begin(self, what: str, steps: int) -> None: ...
+
+    def advance(self, step: int, energy: float | None = None, largest_Z: float | None = None) -> None: ...
+
+    def end(self) -> None: ...
+
+
+class Silent:
+    """A progress that says nothing."""
+
+    def begin(self, what: str, steps: int) -> None:
+        pass
+
+    def advance(self, step: int, energy: float | None = None, largest_Z: float | None = None) -> None:
+        pass
+
+    def end(self) -> None:
+        pass
+
+
+class _Clock:
+    """Seconds by phase; a phase inside another is taken from it."""
+
+    def __init__(self) -> None:
+        self.seconds = {"setup": 0.0, "cfl": 0.0, "steps": 0.0, "output": 0.0}
+        self._inner: list[float] = []
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        self._inner.append(0.0)
+        try:
+            yield
+        finally:
+            whole = time.perf_counter() - begin
+            self.seconds[name] += whole - self._inner.pop()
+            if self._inner:
+                self._inner[-1] += whole
+
+
+def peak_memory_mb() -> float:
+    """Return the largest memory this process has held, in MB (nan where the system does not tell)."""
+    try:
+        import resource
+    except ImportError:
+        return float("nan")
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def marks(steps: int, count: int) -> set[int]:
+    """Return ``count`` steps spread over a run, the first and the last among them.
+
+    >>> sorted(marks(10, 3))
+    [0, 5, 10]
+    """
+    if count < 2:
+        return {steps} if count else set()
+    return {round(k * steps / (count - 1)) for k in range(count)}
+
+
+def run(scene: Scene, out: str | Path, progress: Progress | None = None) -> dict[str, Any]:
+    """Run a scene, write its files into ``out`` and return the summary.
+
+    Everything the scene says is checked before the folder is made. The files: ``frame_*.vtu`` and ``frames.pvd``,
+    ``history.csv``, ``damage.png`` and ``energies.png``, and last ``summary.json``.
+
+    Raises :class:`SceneError` for a scene that makes no sense and ``UnstableRun`` when the energy balance breaks
+    (what was written until then stays, and the summary says so).
+    """
+    progress = progress or Silent()
+    out, clock = Path(out), _Clock()
+    problem = Problem(scene)
+    if scene.output.pictures and not plot.available():
+        raise SceneError('output.pictures = true needs matplotlib: install the extra "plot", or set it to false')
+    if out.exists() and not out.is_dir():
+        raise SceneError(f"output folder {str(out)!r} exists and is not a folder")
+    with clock.phase("setup"):
+        load, fixed, u0, v0 = problem.load, problem.fixed, problem.u0, problem.v0
+        blocks = len(problem.body.blocks)
+        mass = problem.mass
+    with clock.phase("cfl"):
+        limit, dt = problem.limit, problem.dt
+    steps = round(scene.time.until / dt)
+    summary: dict[str, Any] = {
+        "title": scene.title,
+        "version": __version__,
+        "status": "running",
+        "rule": problem.bonds.rule.name,
+        "scheme": "central difference, lumped mass",
+        "nodes": int(problem.mesh.nvertices),
+        "bonds": int(problem.bonds.nbonds),
+        "blocks": blocks,
+        "dt": dt,
+        "dt_limit": limit.steps(),
+        "steps": steps,
+    }
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "summary.json").unlink(missing_ok=True)
+        history = History(out / "history.csv", COLUMNS)
+    except OSError as error:
+        raise SceneError(f"output folder {str(out)!r} cannot be written: {error.strerror}") from None
+    frames = Frames(out, problem.basis) if scene.output.frames else None
+    at_frame, at_row = marks(steps, scene.output.frames), marks(steps, max(2, scene.output.history))
+    progress.begin(scene.title, steps)
+    state: State | None = None
+    try:
+        with clock.phase("steps"):
+            for state in central_difference(
+                problem.body, mass, u0, v0, dt=dt, until=scene.time.until, load=load, fixed=fixed, limit=limit
+            ):
+                if state.step in at_row:
+                    with clock.phase("output"):
+                        row = _row(state, census(problem.body, state.u))
+                        history.add(*row)
+                        progress.advance(state.step, row[5], row[9])
+                else:
+                    progress.advance(state.step)
+                if frames is not None and state.step in at_frame:
+                    with clock.phase("output"):
+                        hurt = damage(problem.body, state.u)
+                        fields = {"displacement": state.u, "velocity": state.v, "intact": hurt.intact, "Z": hurt.Z}
+                        frames.write(state.t, **fields)
+        assert state is not None
+        if scene.output.pictures:
+            with clock.phase("output"):
+                _pictures(out, problem, state.u, history)
+        summary["status"] = "finished"
+    except UnstableRun as error:
+        summary["status"] = f"stopped: {error}"
+        raise
+    finally:
+        history.close()
+        progress.end()
+        if state is not None:
+            summary["steps"] = state.step
+            total, imbalance = history.column("total"), history.column("imbalance")
+            peak = max(float(np.max(total, initial=0.0)), np.finfo(float).tiny)
+            summary |= {
+                "energy_drift": float(np.max(np.abs(imbalance), initial=0.0)) / peak,
+                "softened_bonds": int(history.rows[-1][8]) if history.rows else 0,
+                "seconds": {name: round(value, 6) for name, value in clock.seconds.items()},
+                "seconds_per_step": clock.seconds["steps"] / max(1, state.step),
+                "peak_memory_mb": round(peak_memory_mb(), 1),
+                "stiffness_products_for_cfl": limit.products,
+            }
+            write_summary(out / "summary.json", summary)
+    return summary
+
+
+def _row(state: State, count: Census) -> tuple[float, ...]:
+    kinetic = state.kinetic
+    total = kinetic + count.elastic
+    imbalance = total - state.work - state.initial
+    return (
+        *(state.t, state.step, kinetic, count.energy_intact, count.energy_softened, total, state.work, imbalance),
+        *(count.softened, count.Z),
+    )
+
+
+def _pictures(out: Path, problem: Problem, u: Floats, history: History) -> None:
+    title = problem.scene.title
+    plot.plot_damage(out / "damage.png", problem.basis, u, damage(problem.body, u).intact, title)
+    plot.plot_energies(out / "energies.png", history, title)

@@ -1,0 +1,223 @@
+"""A scene: everything a run needs, as frozen dataclasses that TOML is read into."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from .formula import Formula, FormulaError
+from .reading import SceneError, choice, count, counts, flag, key, number, positive, rows, table, tables, text
+
+
+def formula(value: Any, path: str) -> Formula:
+    """A number or a text such as ``"1e6 * step(1e-5 - t)"``."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        raise SceneError(f"{path} = {value!r} must be a number or a formula in x, y, z, t")
+    try:
+        return Formula(value)
+    except FormulaError as error:
+        raise SceneError(f"{path}: {error}") from None
+
+
+def formulas(value: Any, path: str) -> tuple[Formula, ...]:
+    """One formula per component."""
+    if not isinstance(value, list) or not value:
+        raise SceneError(f"{path} = {value!r} must be an array with one number or formula per component")
+    return tuple(formula(entry, f"{path}[{k}]") for k, entry in enumerate(value))
+
+
+@dataclass(frozen=True)
+class MeshTable:
+    """``[mesh]``: a ``file`` that meshio reads, or a ``box`` (one row per axis) with ``divisions``."""
+
+    file: str | None = key(text, None)
+    box: tuple[tuple[float, ...], ...] | None = key(rows, None)
+    divisions: tuple[int, ...] | None = key(counts, None)
+
+    def __post_init__(self) -> None:
+        if (self.file is None) == (self.box is None):
+            raise SceneError("mesh: give one of file and box, not both and not none")
+        if (self.box is None) != (self.divisions is None):
+            raise SceneError("mesh: box and divisions go together")
+        if self.box is not None and self.divisions is not None:
+            if not 1 <= len(self.box) <= 3 or len(self.box) != len(self.divisions):
+                raise SceneError(f"mesh.box has {len(self.box)} axes and mesh.divisions {len(self.divisions)}; 1 to 3, alike")
+            for axis in self.box:
+                if len(axis) != 2 or not axis[0] < axis[1]:
+                    raise SceneError(f"mesh.box = {list(map(list, self.box))}: each axis is [low, high] with low < high")
+            if min(self.divisions) < 1:
+                raise SceneError(f"mesh.divisions = {list(self.divisions)} must be at least 1 each")
+
+
+@dataclass(frozen=True)
+class MaterialTable:
+    """``[material]``: what :meth:`Material.from_elastic` takes."""
+
+    density: float = key(positive)
+    young: float | None = key(positive, None)
+    lame: float | None = key(positive, None)
+    toughness: float | None = key(positive, None)
+    K_Ic: float | None = key(positive, None)
+    plane: str | None = key(choice("stress", "strain"), None)
+    poisson: float | None = key(number, None)
+    potential: str = key(choice("exponential", "rational", "linear"), "exponential")
+    convention: str = key(choice("physical", "paper"), "physical")
+    calibrate: str = key(choice("continuum", "discrete"), "continuum")
+
+
+@dataclass(frozen=True)
+class BondsTable:
+    """``[bonds]``: horizon, influence function, partial volumes, the paper's boundary function."""
+
+    horizon: float = key(positive)
+    influence: str = key(choice("constant", "conical", "gaussian"), "constant")
+    partial_volume: bool = key(flag, True)
+    boundary_function: str | None = key(choice("smooth"), None)
+
+
+@dataclass(frozen=True)
+class CrackTable:
+    """``[[crack]]``: ``points`` (a polyline in 2D, a convex polygon in 3D) or tagged ``facets``."""
+
+    points: tuple[tuple[float, ...], ...] | None = key(rows, None)
+    facets: str | None = key(text, None)
+
+    def __post_init__(self) -> None:
+        if (self.points is None) == (self.facets is None):
+            raise SceneError("crack: give one of points and facets, not both and not none")
+
+
+@dataclass(frozen=True)
+class Where:
+    """A set of vertices: on a boundary (``on``), within ``width`` of it, in a subdomain (``region``) or ``where > 0``."""
+
+    on: str | None = key(text, None)
+    width: float | None = key(positive, None)
+    region: str | None = key(text, None)
+    where: Formula | None = key(formula, None)
+
+    def __post_init__(self) -> None:
+        if sum(entry is not None for entry in (self.on, self.region, self.where)) != 1:
+            raise SceneError("give one of on, region and where")
+        if self.width is not None and self.on is None:
+            raise SceneError(f"width = {self.width} goes with on")
+        if self.where is not None and self.where.uses("t"):
+            raise SceneError(f"where = {self.where.text!r} must not depend on t")
+
+
+@dataclass(frozen=True)
+class NoFailTable(Where):
+    """``[[no_fail]]``: vertices all of whose bonds stay linear."""
+
+
+@dataclass(frozen=True)
+class LoadTable:
+    """``[[load]]``: a ``body`` force per volume, or a ``traction`` per area ``on`` a boundary, in a ``layer`` if given."""
+
+    body: tuple[Formula, ...] | None = key(formulas, None)
+    traction: tuple[Formula, ...] | None = key(formulas, None)
+    on: str | None = key(text, None)
+    layer: float | None = key(positive, None)
+
+    def __post_init__(self) -> None:
+        if (self.body is None) == (self.traction is None):
+            raise SceneError("give one of body and traction")
+        if (self.traction is None) != (self.on is None):
+            raise SceneError("traction and on go together")
+        if self.layer is not None and self.traction is None:
+            raise SceneError(f"layer = {self.layer} goes with traction")
+
+
+@dataclass(frozen=True)
+class FixedTable(Where):
+    """``[[fixed]]``: prescribe ``displacement`` or ``velocity`` of all components, or of ``component`` x, y or z."""
+
+    component: str = key(choice("all", "x", "y", "z"), "all")
+    displacement: Formula | None = key(formula, None)
+    velocity: Formula | None = key(formula, None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.displacement is None) == (self.velocity is None):
+            raise SceneError("give one of displacement and velocity")
+
+
+@dataclass(frozen=True)
+class InitialTable:
+    """``[initial]``: displacement and velocity at t = 0, one formula per component."""
+
+    displacement: tuple[Formula, ...] | None = key(formulas, None)
+    velocity: tuple[Formula, ...] | None = key(formulas, None)
+
+
+@dataclass(frozen=True)
+class TimeTable:
+    """``[time]``: run ``until``; the step is ``safety`` times the stable limit, or ``step`` as given."""
+
+    until: float = key(positive)
+    safety: float = key(positive, 0.9)
+    step: float | None = key(positive, None)
+
+
+@dataclass(frozen=True)
+class OutputTable:
+    """``[output]``: number of ``frames`` and of ``history`` rows spread over the run; ``pictures``."""
+
+    frames: int = key(count, 10)
+    history: int = key(count, 50)
+    pictures: bool = key(flag, True)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One run, as read from TOML or built in Python.
+
+    >>> scene = Scene.parse('''
+    ... mesh = {box = [[0, 1]], divisions = [10]}
+    ... material = {young = 1.0, toughness = 1.0, density = 1.0}
+    ... bonds = {horizon = 0.2}
+    ... time = {until = 1.0}
+    ... ''')
+    >>> scene.time.safety
+    0.9
+    """
+
+    mesh: MeshTable = key(table(MeshTable))
+    material: MaterialTable = key(table(MaterialTable))
+    bonds: BondsTable = key(table(BondsTable))
+    time: TimeTable = key(table(TimeTable))
+    title: str = key(text, "untitled")
+    crack: tuple[CrackTable, ...] = key(tables(CrackTable), ())
+    no_fail: tuple[NoFailTable, ...] = key(tables(NoFailTable), ())
+    load: tuple[LoadTable, ...] = key(tables(LoadTable), ())
+    fixed: tuple[FixedTable, ...] = key(tables(FixedTable), ())
+    initial: InitialTable = field(default=InitialTable(), metadata={"read": table(InitialTable)})
+    output: OutputTable = field(default=OutputTable(), metadata={"read": table(OutputTable)})
+    folder: Path = Path()  # not a key: where the scene was read from
+
+    @classmethod
+    def parse(cls, content: str, folder: Path = Path()) -> Scene:
+        """Read TOML text; a mesh file is looked for relative to ``folder``. Raises :class:`SceneError`."""
+        try:
+            data = tomllib.loads(content)
+        except tomllib.TOMLDecodeError as error:
+            raise SceneError(f"not TOML: {error}") from None
+        return dataclasses.replace(table(cls)(data, ""), folder=folder)
+
+    @classmethod
+    def read(cls, path: str | Path) -> Scene:
+        """Read a TOML file. Raises :class:`SceneError` with the file's name in front."""
+        path = Path(path)
+        try:
+            content = path.read_bytes().decode()
+        except OSError as error:
+            raise SceneError(f"scene {str(path)!r} cannot be read: {error.strerror}") from None
+        except UnicodeDecodeError:
+            raise SceneError(f"scene {str(path)!r} is not UTF-8 text") from None
+        try:
+            return cls.parse(content, path.parent)
+        except SceneError as error:
+            raise SceneError(f"{path}: {error}") from None
