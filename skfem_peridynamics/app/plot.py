@@ -56,7 +56,9 @@ def plot_damage(path: Path, basis: Basis, u: Floats, intact: Floats, title: str)
         axes.set_ylabel("y")
         figure.colorbar(shades, ax=axes, label="softened bonds, fraction", shrink=0.8)
     else:
-        figure = _figure(7.5, 6)
+        from matplotlib.ticker import MaxNLocator
+
+        figure = _figure(8, 5)
         axes = figure.add_subplot(projection="3d")
         low, high = p.min(axis=1), p.max(axis=1)
         for axis in range(3):
@@ -69,7 +71,11 @@ def plot_damage(path: Path, basis: Basis, u: Floats, intact: Floats, title: str)
                 axes.plot(*line, color="0.7", linewidth=0.8)
         hurt = np.flatnonzero(broken > 0.05)
         shades = axes.scatter(*p[:, hurt], c=broken[hurt], cmap=_COLOURS, vmin=0, vmax=1, s=6, linewidths=0)
-        axes.set_box_aspect(high - low)
+        axes.set_box_aspect((high - low) / (high - low).max(), zoom=1.1)
+        axes.grid(False)
+        for one in (axes.xaxis, axes.yaxis, axes.zaxis):
+            one.set_pane_color((1, 1, 1, 0))
+            one.set_major_locator(MaxNLocator(3))
         axes.set_xlabel("x")
         axes.set_ylabel("y")
         axes.set_zlabel("z")

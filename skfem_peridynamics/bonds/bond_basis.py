@@ -92,12 +92,7 @@ class BondBasis:
     @cached_property
     def bonds(self) -> BondList:
         """Ends (internal numbers) and weights of all bonds."""
-        rank = np.empty(len(self.order), dtype=self.mesh.t.dtype)
-        rank[self.order] = np.arange(len(self.order), dtype=rank.dtype)
-        inner = dataclasses.replace(
-            self.mesh, doflocs=self.points, t=np.ascontiguousarray(rank[self.mesh.t]), _boundaries=None, _subdomains=None
-        )
-        return self.rule.bonds(inner, self.horizon)
+        return self.rule.bonds(self.mesh, self.horizon, self.order)
 
     @cached_property
     def vertex_weight(self) -> Floats | None:

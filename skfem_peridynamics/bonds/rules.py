@@ -43,7 +43,7 @@ class PairRule:
 
     >>> import skfem
     >>> mesh = skfem.MeshLine(np.linspace(0, 1, 5))
-    >>> PairRule().bonds(mesh, 0.25).weight.tolist()         # 2 V_i V_j / 2: half of each neighbour is in the ball
+    >>> PairRule().bonds(mesh, 0.25, order=np.arange(5)).weight.tolist()         # 2 V_i V_j / 2: half of each neighbour is in the ball
     [0.03125, 0.0625, 0.0625, 0.03125]
     """
 
@@ -61,14 +61,14 @@ class PairRule:
         """Return about how many bonds there will be, before any is made."""
         return estimate_pairs(mesh.p, self.reach(mesh, horizon))
 
-    def bonds(self, mesh: Mesh, horizon: float) -> BondList:
-        """Return the bonds of a mesh whose vertices are numbered as they are.
+    def bonds(self, mesh: Mesh, horizon: float, order: Longs) -> BondList:
+        """Return the bonds; their ends are places in ``order``, which lists the vertices.
 
         Raises ``ValueError`` for a vertex that is left without a bond.
         """
-        i, j, weight = (np.concatenate(part) for part in zip(*self._chunks(mesh, horizon), strict=True))
+        i, j, weight = (np.concatenate(part) for part in zip(*self._chunks(mesh, horizon, order), strict=True))
         degree = np.bincount(i, minlength=mesh.nvertices) + np.bincount(j, minlength=mesh.nvertices)
-        lonely = np.flatnonzero(degree == 0)
+        lonely = order[degree == 0]
         if len(lonely):
             raise ValueError(
                 f"horizon = {horizon:g} leaves vertex {lonely[0]} at {describe_point(mesh.p[:, lonely[0]])} without a "
@@ -77,14 +77,14 @@ class PairRule:
             )
         return BondList(i, j, weight)
 
-    def _chunks(self, mesh: Mesh, horizon: float) -> Iterator[tuple[Ints, Ints, Floats]]:
-        volume, size = vertex_volumes(mesh), vertex_sizes(mesh)
+    def _chunks(self, mesh: Mesh, horizon: float, order: Longs) -> Iterator[tuple[Ints, Ints, Floats]]:
+        volume, size = vertex_volumes(mesh)[order], vertex_sizes(mesh)[order]
         reach = self.reach(mesh, horizon)
         see = sight(mesh, reach)
-        for i, j, r in pairs_within(mesh.p, reach):
+        for i, j, r in pairs_within(np.ascontiguousarray(mesh.p[:, order]), reach):
             part = self._part(r, size, i, j, horizon)
             keep = np.flatnonzero(part > RIM)
-            keep = keep[~see.blocked(i[keep], j[keep])]
+            keep = keep[~see.blocked(order[i[keep]], order[j[keep]])]
             i, j = i[keep], j[keep]
             yield i.astype(np.int32), j.astype(np.int32), 2.0 * volume[i] * volume[j] * part[keep]
 

@@ -49,9 +49,16 @@ def distance_to_facets(mesh: Mesh, facets: Any, within: float, points: Floats | 
     distance = np.full(points.shape[1], np.inf)
     for start in range(0, points.shape[1], _CHUNK):
         chunk = points[:, start : start + _CHUNK]
-        pairs = cKDTree(chunk.T).sparse_distance_matrix(tree, within + radius, output_type="ndarray")
-        gap = distance_to_simplices(chunk[:, pairs["i"]], corners[:, :, pairs["j"]])
-        np.minimum.at(distance, start + pairs["i"], gap)
+        nearest, _ = tree.query(chunk.T, distance_upper_bound=within + radius)
+        close = np.flatnonzero(np.isfinite(nearest))
+        if not len(close):
+            continue
+        some = cKDTree(chunk[:, close].T)
+        pairs = some.sparse_distance_matrix(tree, within + radius, output_type="ndarray")
+        # the nearest facet has its middle no farther than a facet radius beyond the nearest middle
+        pairs = pairs[pairs["v"] <= (nearest[close] + radius)[pairs["i"]]]
+        point = close[pairs["i"]]
+        np.minimum.at(distance, start + point, distance_to_simplices(chunk[:, point], corners, pairs["j"]))
     distance[distance > within * (1.0 + 1e-9)] = np.inf
     return distance
 

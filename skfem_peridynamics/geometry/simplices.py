@@ -6,7 +6,7 @@ from math import factorial
 
 import numpy as np
 
-from .._types import Floats, Ints, Mesh
+from .._types import Floats, Ints, Longs, Mesh
 
 
 def check_simplices(mesh: Mesh) -> None:
@@ -105,25 +105,30 @@ def outward_normals(mesh: Mesh, facets: Ints) -> tuple[Floats, Floats]:
     return gradient / steep + 0.0, measure
 
 
-def distance_to_simplices(x: Floats, corners: Floats) -> Floats:
-    """Return the distance of points ``x`` (dim, n) to simplices ``corners`` (dim, k, n) of any order k - 1.
+def distance_to_simplices(x: Floats, corners: Floats, which: Longs) -> Floats:
+    """Return the distance of each point x (dim, n) to simplex ``which`` (n,) of ``corners`` (dim, k, nsimplices).
 
-    >>> square = np.array([[[0.0], [1.0]], [[0.0], [0.0]]])          # the segment from (0, 0) to (1, 0)
-    >>> distance_to_simplices(np.array([[0.5], [2.0]]), square).tolist()
-    [2.0]
+    The simplices may be of any order k - 1: points, segments, triangles.
+
+    >>> segment = np.array([[[0.0], [1.0]], [[0.0], [0.0]]])            # from (0, 0) to (1, 0)
+    >>> distance_to_simplices(np.array([[0.5, 2.0], [2.0, 0.0]]), segment, np.array([0, 0])).tolist()
+    [2.0, 1.0]
     """
     k = corners.shape[1]
-    base = corners[:, 0]
+    away = x - corners[:, 0, which]
     if k == 1:
-        gap: Floats = np.linalg.norm(x - base, axis=0)
+        gap: Floats = np.linalg.norm(away, axis=0)
         return gap
-    edges = np.moveaxis(corners[:, 1:] - base[:, None], 2, 0)
-    inverse = np.linalg.pinv(edges)
-    inner = np.einsum("nkd,dn->nk", inverse, x - base)
-    foot = base + np.einsum("ndk,nk->dn", edges, inner)
-    distance: Floats = np.linalg.norm(x - foot, axis=0)
-    outside = np.flatnonzero((inner.min(axis=1) < 0.0) | (inner.sum(axis=1) > 1.0))
+    edges = corners[:, 1:] - corners[:, :1]
+    inverse = np.moveaxis(np.linalg.pinv(np.moveaxis(edges, 2, 0)), 0, 2)  # (k - 1, dim, nsimplices)
+    inner = [(inverse[row][:, which] * away).sum(axis=0) for row in range(k - 1)]
+    for row, part in enumerate(inner):
+        away = away - edges[:, row, which] * part
+    distance: Floats = np.linalg.norm(away, axis=0)
+    outside = np.flatnonzero((np.min(inner, axis=0) < 0.0) | (np.sum(inner, axis=0) > 1.0))
     if len(outside):
-        rims = [np.delete(corners[:, :, outside], drop, axis=1) for drop in range(k)]
-        distance[outside] = np.min([distance_to_simplices(x[:, outside], rim) for rim in rims], axis=0)
+        rims = [np.delete(corners, drop, axis=1) for drop in range(k)]
+        distance[outside] = np.min(
+            [distance_to_simplices(x[:, outside], rim, which[outside]) for rim in rims], axis=0
+        )
     return distance

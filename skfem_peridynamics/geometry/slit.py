@@ -89,7 +89,7 @@ def facets_on(mesh: Mesh, crack: Crack, tolerance: float = 1e-6) -> Longs:
         point = middle[:, near] if k == vertices.shape[1] else vertices[:, k, near]
         gap = np.full(len(near), np.inf)
         for piece in range(corners.shape[2]):
-            gap = np.minimum(gap, distance_to_simplices(point, np.repeat(corners[:, :, [piece]], len(near), axis=2)))
+            gap = np.minimum(gap, distance_to_simplices(point, corners, np.full(len(near), piece)))
         on &= gap <= tolerance * size[near]
     found = inner[near[on]]
     start, end = (describe_point(p) for p in (crack._points[0], crack._points[-1]))

@@ -31,30 +31,30 @@ _CHUNK = 1 << 17  # bond-facet pairs at a time
 class Sight:
     """Decide visibility on one mesh; build it with :func:`sight`.
 
-    ``points`` are the inset vertices (dim, n) and ``size`` their sizes; ``corners`` (dim, dim, nf) the facets that
-    can block; ``near`` marks the vertices that have one within reach.
+    ``points`` are the inset vertices (dim, n) and ``size`` their sizes; ``facets`` those that can block, with their
+    ``middle`` (dim, nf) and largest ``radius``; ``near`` marks the vertices that have one within reach.
     """
 
     points: Floats
     size: Floats
-    corners: Floats
+    facets: Facets
+    middle: Floats
+    radius: float
     near: Bools
 
     def blocked(self, i: Longs, j: Longs) -> Bools:
         """Return for each bond (i, j) whether a facet stands between its ends, shape (nbonds,)."""
         out = np.zeros(len(i), dtype=bool)
-        if not self.corners.shape[2]:
+        if not self.middle.shape[1]:
             return out
         suspect = np.flatnonzero(self.near[i] & self.near[j])
-        middle = self.corners.mean(axis=1)
-        reach = np.linalg.norm(self.corners - middle[:, None], axis=0).max()
-        tree = cKDTree(middle.T)
+        tree = cKDTree(self.middle.T)
         step = max(1, _CHUNK // 32)
         for start in range(0, len(suspect), step):
             bonds = suspect[start : start + step]
             p, q = self.points[:, i[bonds]], self.points[:, j[bonds]]
             half = 0.5 * np.linalg.norm(q - p, axis=0).max()
-            pairs = cKDTree((0.5 * (p + q)).T).sparse_distance_matrix(tree, half + reach, output_type="ndarray")
+            pairs = cKDTree((0.5 * (p + q)).T).sparse_distance_matrix(tree, half + self.radius, output_type="ndarray")
             aside = _ASIDE * np.minimum(self.size[i[bonds]], self.size[j[bonds]])
             out[bonds] = self._blocked(p, q, aside, pairs["i"], pairs["j"])
         return out
@@ -64,7 +64,7 @@ class Sight:
         inner = np.empty(len(bond))
         for start in range(0, len(bond), _CHUNK):
             part = slice(start, start + _CHUNK)
-            inner[part] = _margin(p[:, bond[part]], q[:, bond[part]], self.corners[:, :, facet[part]])
+            inner[part] = self.facets.margin(p[:, bond[part]], q[:, bond[part]], facet[part])
         blocked: Bools = np.bincount(bond, inner > _SEAM, n) > 0
         # what only touched: look again from a hair to each side
         seam = np.bincount(bond, inner >= -_SEAM, n).astype(bool) & ~blocked
@@ -73,26 +73,42 @@ class Sight:
             every = seam.copy()
             for across in _sideways(q - p):
                 shift = aside * across
-                margin = _margin(
-                    (p + shift)[:, bond[again]], (q + shift)[:, bond[again]], self.corners[:, :, facet[again]]
-                )
+                margin = self.facets.margin((p + shift)[:, bond[again]], (q + shift)[:, bond[again]], facet[again])
                 every &= np.bincount(bond[again], margin >= -_SEAM, n) > 0
             blocked |= every
         return blocked
 
 
-def _margin(p: Floats, q: Floats, corners: Floats) -> Floats:
-    """Least barycentric coordinate at which the open segment p q meets the facet's plane; -inf where it does not."""
-    edges = corners[:, 1:] - corners[:, :1]
-    matrix = np.concatenate([(p - q)[:, None], edges], axis=1)
-    scale = np.linalg.norm(matrix, axis=0)
-    matrix = np.moveaxis(matrix / np.maximum(scale, np.finfo(float).tiny), 2, 0)
-    parallel = np.abs(np.linalg.det(matrix)) < 1e-12
-    matrix[parallel] = np.eye(len(p))
-    found = np.linalg.solve(matrix, (p - corners[:, 0]).T[..., None])[..., 0].T / scale
-    along, inside = found[0], found[1:]
-    margin = np.minimum(inside.min(axis=0, initial=np.inf), 1.0 - inside.sum(axis=0))
-    return np.where(parallel | (along <= 0.0) | (along >= 1.0), -np.inf, margin)
+@dataclass(frozen=True)
+class Facets:
+    """Facets as planes: a corner (dim, n), a unit normal (dim, n) and the gradients of dim - 1 barycentric coordinates."""
+
+    corner: Floats
+    normal: Floats
+    gradient: Floats  # (dim - 1, dim, n)
+
+    @classmethod
+    def of(cls, corners: Floats, normal: Floats) -> Facets:
+        edges = np.moveaxis(corners[:, 1:] - corners[:, :1], 2, 0)
+        return cls(corners[:, 0], normal, np.moveaxis(np.linalg.pinv(edges), 0, 2))
+
+    def margin(self, p: Floats, q: Floats, which: Longs) -> Floats:
+        """Least barycentric coordinate at which the open segment p q meets facet ``which``; -inf where it does not."""
+        corner, normal = self.corner[:, which], self.normal[:, which]
+        above, below = ((normal * (end - corner)).sum(axis=0) for end in (p, q))
+        margin = np.full(len(which), -np.inf)
+        cross = np.flatnonzero(above * below < 0.0)
+        if len(cross):
+            above, below, which = above[cross], below[cross], which[cross]
+            p, q = p[:, cross], q[:, cross]
+            foot = p + (q - p) * (above / (above - below)) - corner[:, cross]
+            least, rest = np.full(len(cross), np.inf), np.ones(len(cross))
+            for row in self.gradient:
+                coordinate = (row[:, which] * foot).sum(axis=0)
+                least = np.minimum(least, coordinate)
+                rest -= coordinate
+            margin[cross] = np.minimum(least, rest)
+        return margin
 
 
 def _sideways(direction: Floats) -> list[Floats]:
@@ -148,14 +164,17 @@ def sight(mesh: Mesh, reach: float) -> Sight:
         part = slice(start, start + step)
         beyond = (normal[:, part].T @ hull).max(axis=1) - height[part]
         blocking[part] = beyond > 1e-9 * extent
-    near = np.zeros(mesh.nvertices, dtype=bool)
-    standing = corners[:, :, blocking]
-    if standing.shape[2]:
-        middle = standing.mean(axis=1)
-        radius = np.linalg.norm(standing - middle[:, None], axis=0).max()
+    # the two faces of a slit coincide: one of them does for both
+    middle = corners.mean(axis=1)
+    _, first = np.unique(np.round((middle - middle.min(axis=1, keepdims=True)) / extent, 12), axis=1, return_index=True)
+    standing = np.intersect1d(np.flatnonzero(blocking), first)
+    corners, normal, middle = corners[:, :, standing], normal[:, standing], middle[:, standing]
+    near, radius = np.zeros(mesh.nvertices, dtype=bool), 0.0
+    if len(standing):
+        radius = float(np.linalg.norm(corners - middle[:, None], axis=0).max())
         gap, _ = cKDTree(middle.T).query(points.T, distance_upper_bound=reach + radius)
         near = np.isfinite(gap)
-    return Sight(points, size, standing, near)
+    return Sight(points, size, Facets.of(corners, normal), middle, radius, near)
 
 
 def _extreme(p: Floats) -> Longs:
