@@ -1,13 +1,13 @@
 """Which vertices see each other: bonds do not cross slits, notches or holes.
 
-A bond is blocked when its segment crosses a boundary facet. Three details make that exact on meshes whose
-lattice lines meet cracks:
+A bond is blocked when its segment crosses a boundary facet. Three details make that exact on meshes whose lattice
+lines meet cracks:
 
 * the two copies of a slit vertex coincide, so every boundary vertex is first moved by 1e-6 of its size against its
   outward normals, into its own side; at a crack tip the normals cancel and the tip stays where it is;
-* a bond that touches only the rim of a facet (a crack tip, a notch corner, an edge two facets share) is looked at
-  again a hair to each side, and is blocked only when it is blocked on all of them: it sees past a tip, and does
-  not slip through the seam of two facets;
+* a bond that only touches the rim of a facet (a crack tip, a notch corner, an edge two facets share) is tried again
+  along paths bowed a little to each side, and is blocked when every one of them leaves the body: it sees past a tip,
+  and does not slip through the seam of two facets or around the mouth of a crack;
 * only facets with a vertex of the body on their outer side can block anything: a convex body has none.
 """
 
@@ -22,61 +22,12 @@ from .._types import Bools, Floats, Longs, Mesh
 from .simplices import outward_normals, vertex_sizes
 
 _INSET = 1e-6  # of the vertex size
-_ASIDE = 1e-8  # of the vertex size, much less than the inset
-_SEAM = 1e-11  # barycentric, much less than a step aside, much more than round-off
-_CHUNK = 1 << 17  # bond-facet pairs at a time
-
-
-@dataclass(frozen=True)
-class Sight:
-    """Decide visibility on one mesh; build it with :func:`sight`.
-
-    ``points`` are the inset vertices (dim, n) and ``size`` their sizes; ``facets`` those that can block, with their
-    ``middle`` (dim, nf) and largest ``radius``; ``near`` marks the vertices that have one within reach.
-    """
-
-    points: Floats
-    size: Floats
-    facets: Facets
-    middle: Floats
-    radius: float
-    near: Bools
-
-    def blocked(self, i: Longs, j: Longs) -> Bools:
-        """Return for each bond (i, j) whether a facet stands between its ends, shape (nbonds,)."""
-        out = np.zeros(len(i), dtype=bool)
-        if not self.middle.shape[1]:
-            return out
-        suspect = np.flatnonzero(self.near[i] & self.near[j])
-        tree = cKDTree(self.middle.T)
-        step = max(1, _CHUNK // 32)
-        for start in range(0, len(suspect), step):
-            bonds = suspect[start : start + step]
-            p, q = self.points[:, i[bonds]], self.points[:, j[bonds]]
-            half = 0.5 * np.linalg.norm(q - p, axis=0).max()
-            pairs = cKDTree((0.5 * (p + q)).T).sparse_distance_matrix(tree, half + self.radius, output_type="ndarray")
-            aside = _ASIDE * np.minimum(self.size[i[bonds]], self.size[j[bonds]])
-            out[bonds] = self._blocked(p, q, aside, pairs["i"], pairs["j"])
-        return out
-
-    def _blocked(self, p: Floats, q: Floats, aside: Floats, bond: Longs, facet: Longs) -> Bools:
-        n = p.shape[1]
-        inner = np.empty(len(bond))
-        for start in range(0, len(bond), _CHUNK):
-            part = slice(start, start + _CHUNK)
-            inner[part] = self.facets.margin(p[:, bond[part]], q[:, bond[part]], facet[part])
-        blocked: Bools = np.bincount(bond, inner > _SEAM, n) > 0
-        # what only touched: look again from a hair to each side
-        seam = np.bincount(bond, inner >= -_SEAM, n).astype(bool) & ~blocked
-        again = np.flatnonzero(seam[bond])
-        if len(again):
-            every = seam.copy()
-            for across in _sideways(q - p):
-                shift = aside * across
-                margin = self.facets.margin((p + shift)[:, bond[again]], (q + shift)[:, bond[again]], facet[again])
-                every &= np.bincount(bond[again], margin >= -_SEAM, n) > 0
-            blocked |= every
-        return blocked
+_SEAM = 1e-5  # barycentric: more than an inset can shift a crossing
+_BOW = 1e-3  # of the vertex size, more than the seam
+_PART = 0.3819660112501051  # where a path bends: irrational, so that lattice planes do not hold the bend
+_EDGE = 1e-9  # barycentric, round-off of a closed facet
+_FLUSH = 1e-13  # of the body: closer to a plane than this is on it, far less than an inset
+_BONDS = 4096  # looked at together: bounds the bond-facet pairs held in memory
 
 
 @dataclass(frozen=True)
@@ -86,18 +37,31 @@ class Facets:
     corner: Floats
     normal: Floats
     gradient: Floats  # (dim - 1, dim, n)
+    middle: Floats
+    radius: float
+    flush: float
 
     @classmethod
-    def of(cls, corners: Floats, normal: Floats) -> Facets:
+    def of(cls, corners: Floats, normal: Floats, extent: float) -> Facets:
         edges = np.moveaxis(corners[:, 1:] - corners[:, :1], 2, 0)
-        return cls(corners[:, 0], normal, np.moveaxis(np.linalg.pinv(edges), 0, 2))
+        middle = corners.mean(axis=1)
+        radius = float(np.linalg.norm(corners - middle[:, None], axis=0).max(initial=0.0))
+        gradient = np.moveaxis(np.linalg.pinv(edges), 0, 2)
+        return cls(corners[:, 0], normal, gradient, middle, radius, _FLUSH * extent)
+
+    def pairs(self, p: Floats, q: Floats) -> tuple[Longs, Longs]:
+        """Return the segments and the facets that are close enough to meet."""
+        half = 0.5 * float(np.linalg.norm(q - p, axis=0).max())
+        tree, middles = cKDTree(self.middle.T), cKDTree((0.5 * (p + q)).T)
+        found = middles.sparse_distance_matrix(tree, half + self.radius, output_type="ndarray")
+        return found["i"], found["j"]
 
     def margin(self, p: Floats, q: Floats, which: Longs) -> Floats:
-        """Least barycentric coordinate at which the open segment p q meets facet ``which``; -inf where it does not."""
+        """Least barycentric coordinate at which the segment p q crosses facet ``which``; -inf where it does not."""
         corner, normal = self.corner[:, which], self.normal[:, which]
         above, below = ((normal * (end - corner)).sum(axis=0) for end in (p, q))
         margin = np.full(len(which), -np.inf)
-        cross = np.flatnonzero(above * below < 0.0)
+        cross = np.flatnonzero((above * below < 0.0) & (np.minimum(np.abs(above), np.abs(below)) > self.flush))
         if len(cross):
             above, below, which = above[cross], below[cross], which[cross]
             p, q = p[:, cross], q[:, cross]
@@ -111,16 +75,66 @@ class Facets:
         return margin
 
 
+@dataclass(frozen=True)
+class Sight:
+    """Decide visibility on one mesh; build it with :func:`sight`.
+
+    ``points`` are the inset vertices (dim, n) and ``size`` their sizes; ``blocking`` the facets that can block,
+    ``boundary`` all facets near those; ``near`` marks the vertices that have a blocking facet within reach.
+    """
+
+    points: Floats
+    size: Floats
+    blocking: Facets
+    boundary: Facets
+    near: Bools
+
+    def blocked(self, i: Longs, j: Longs) -> Bools:
+        """Return for each bond (i, j) whether a facet stands between its ends, shape (nbonds,)."""
+        out = np.zeros(len(i), dtype=bool)
+        suspect = np.flatnonzero(self.near[i] & self.near[j])
+        for start in range(0, len(suspect), _BONDS):
+            bonds = suspect[start : start + _BONDS]
+            p, q = self.points[:, i[bonds]], self.points[:, j[bonds]]
+            out[bonds], touch = self._crossed(p, q)
+            touch = np.flatnonzero(touch & ~out[bonds])
+            if len(touch):
+                bow = _BOW * np.minimum(self.size[i[bonds[touch]]], self.size[j[bonds[touch]]])
+                out[bonds[touch]] = self._enclosed(p[:, touch], q[:, touch], bow)
+        return out
+
+    def _crossed(self, p: Floats, q: Floats) -> tuple[Bools, Bools]:
+        """Which segments cross a blocking facet well inside it, and which touch the rim of one."""
+        bond, facet = self.blocking.pairs(p, q)
+        margin = self.blocking.margin(p[:, bond], q[:, bond], facet)
+        n = p.shape[1]
+        crossed = np.bincount(bond, margin > _SEAM, n) > 0
+        return crossed, np.bincount(bond, np.abs(margin) <= _SEAM, n) > 0
+
+    def _enclosed(self, p: Floats, q: Floats, bow: Floats) -> Bools:
+        """Which segments leave the body along every path bowed by ``bow``."""
+        n = p.shape[1]
+        enclosed = np.ones(n, dtype=bool)
+        for across in _sideways(q - p):
+            middle = p + _PART * (q - p) + bow * across
+            leaves = np.zeros(n, dtype=bool)
+            for start, end in ((p, middle), (middle, q)):
+                bond, facet = self.boundary.pairs(start, end)
+                margin = self.boundary.margin(start[:, bond], end[:, bond], facet)
+                leaves |= np.bincount(bond, margin >= -_EDGE, n) > 0
+            enclosed &= leaves
+        return enclosed
+
+
 def _sideways(direction: Floats) -> list[Floats]:
-    """Unit vectors across each direction (dim, n): both ways along dim - 1 axes; the zero shift in 1D."""
+    """Unit vectors across each direction (dim, n): both ways along dim - 1 axes; the zero vector in 1D."""
     dim, n = direction.shape
     if dim == 1:
         return [np.zeros((1, n))]
     # the last dim - 1 columns of the Householder reflection that takes the first axis to the direction
     unit = direction / np.linalg.norm(direction, axis=0)
-    sign = np.where(unit[0] < 0.0, -1.0, 1.0)
     v = unit.copy()
-    v[0] += sign
+    v[0] += np.where(unit[0] < 0.0, -1.0, 1.0)
     out = []
     for axis in range(1, dim):
         across = -v * (v[axis] / (0.5 * (v * v).sum(axis=0)))
@@ -140,41 +154,42 @@ def sight(mesh: Mesh, reach: float) -> Sight:
     [True]
     """
     facets = mesh.boundary_facets()
-    normal, measure = outward_normals(mesh, facets)
+    normal, _ = outward_normals(mesh, facets)
     corners = mesh.p[:, mesh.facets[:, facets]]
-    # against the sum of the unit normals at each vertex
-    lean = np.zeros_like(mesh.p)
-    for vertex in mesh.facets[:, facets]:
-        for axis in range(mesh.dim()):
-            lean[axis] += np.bincount(vertex, normal[axis] * measure, mesh.nvertices)
-    length = np.linalg.norm(lean, axis=0)
-    weight = np.zeros(mesh.nvertices)
-    for vertex in mesh.facets[:, facets]:
-        weight += np.bincount(vertex, measure, mesh.nvertices)
-    lean /= np.where(length > 1e-6 * weight, length, np.inf)
     size = vertex_sizes(mesh)
-    points = mesh.p - _INSET * size * lean
     # a facet can block only when the body reaches beyond its plane
     hull = mesh.p[:, _extreme(mesh.p)]
+    extent = float(np.ptp(hull, axis=1).max())
     height = np.einsum("df,df->f", normal, corners[:, 0])
-    extent = np.ptp(hull, axis=1).max()
     blocking = np.zeros(len(facets), dtype=bool)
     step = max(1, (1 << 20) // hull.shape[1])
     for start in range(0, len(facets), step):
         part = slice(start, start + step)
-        beyond = (normal[:, part].T @ hull).max(axis=1) - height[part]
-        blocking[part] = beyond > 1e-9 * extent
+        blocking[part] = (normal[:, part].T @ hull).max(axis=1) - height[part] > 1e-9 * extent
     # the two faces of a slit coincide: one of them does for both
     middle = corners.mean(axis=1)
     _, first = np.unique(np.round((middle - middle.min(axis=1, keepdims=True)) / extent, 12), axis=1, return_index=True)
     standing = np.intersect1d(np.flatnonzero(blocking), first)
-    corners, normal, middle = corners[:, :, standing], normal[:, standing], middle[:, standing]
-    near, radius = np.zeros(mesh.nvertices, dtype=bool), 0.0
+    near, around = np.zeros(mesh.nvertices, dtype=bool), np.zeros(len(facets), dtype=bool)
+    block = Facets.of(corners[:, :, standing], normal[:, standing], extent)
     if len(standing):
-        radius = float(np.linalg.norm(corners - middle[:, None], axis=0).max())
-        gap, _ = cKDTree(middle.T).query(points.T, distance_upper_bound=reach + radius)
-        near = np.isfinite(gap)
-    return Sight(points, size, Facets.of(corners, normal), middle, radius, near)
+        tree = cKDTree(block.middle.T)
+        near = np.isfinite(tree.query(mesh.p.T, distance_upper_bound=reach + block.radius)[0])
+        around[first] = near[mesh.facets[:, facets[first]]].any(axis=0)
+    boundary = Facets.of(corners[:, :, around], normal[:, around], extent)
+    inset = _inset(mesh, normal) if len(standing) else 0.0
+    return Sight(mesh.p - _INSET * size * inset, size, block, boundary, near)
+
+
+def _inset(mesh: Mesh, normal: Floats) -> Floats:
+    """Unit vectors out of the body at boundary vertices, 0 elsewhere and where normals cancel, (dim, nvertices)."""
+    lean, count = np.zeros_like(mesh.p), np.zeros(mesh.nvertices)
+    for vertex in mesh.facets[:, mesh.boundary_facets()]:
+        count += np.bincount(vertex, minlength=mesh.nvertices)
+        for axis in range(mesh.dim()):
+            lean[axis] += np.bincount(vertex, normal[axis], mesh.nvertices)
+    length = np.linalg.norm(lean, axis=0)
+    return lean / np.where(length > 1e-6 * count, length, np.inf)
 
 
 def _extreme(p: Floats) -> Longs:

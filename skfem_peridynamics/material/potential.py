@@ -157,8 +157,8 @@ class Rational(Potential):
     """
 
     def f(self, q: Floats) -> Floats:
-        # as C (1 - 1/(1 + b q)) it would lose digits at small q; as C b q / (1 + b q) it overflows late
-        return self.limit / (1.0 + 1.0 / np.maximum(self.b * q, np.finfo(float).tiny))
+        z = self.b * np.minimum(q, 1e300 / max(self.b, 1.0))  # far out f is its limit: no infinity over infinity
+        return self.limit * z / (1.0 + z)
 
     def df(self, q: Floats) -> Floats:
         g = np.multiply(q, self.b)

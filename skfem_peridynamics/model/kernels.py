@@ -66,9 +66,14 @@ class Block:
 
     def ends(self, dim: int) -> tuple[Longs, Longs]:
         """Internal numbers of the two vertices of each bond."""
-        column = self.B.indices.reshape(self.B.shape[0], 2 * dim)
+        column = self.B.indices.reshape(-1, 2 * dim)
         first = self.first // dim
-        return column[:, 0] // dim + first, column[:, dim] // dim + first
+        return column[:, 0] // dim + first, column[:, 1] // dim + first
+
+    def directions(self, dim: int) -> Floats:
+        """``e / sqrt(r)`` of each bond, (nbonds, dim)."""
+        data: Floats = self.B.data.reshape(-1, dim, 2)[:, :, 1]
+        return data
 
 
 def make_blocks(bonds: BondBasis, law: Potential, which: Longs | None = None) -> Iterator[Block]:
@@ -89,12 +94,14 @@ def make_blocks(bonds: BondBasis, law: Potential, which: Longs | None = None) ->
         low, high = int(min(i.min(), j.min())), int(max(i.max(), j.max()))
         # T = sqrt(r) S = xi.(u_j - u_i) / r^(3/2)
         xi = xi / (xi * xi).sum(axis=0) ** 0.75
-        axes = np.arange(dim, dtype=np.int32)
-        columns = np.concatenate([(i - low)[:, None] * dim + axes, (j - low)[:, None] * dim + axes], axis=1)
+        # component by component, -x before y: a translation then cancels exactly, not to round-off
+        columns = np.empty((len(k), dim, 2), dtype=np.int32)
+        for side, end in enumerate((i, j)):
+            columns[:, :, side] = (end - low)[:, None] * dim + np.arange(dim, dtype=np.int32)
         B = sparse.csr_matrix(
             (
-                np.concatenate([-xi, xi]).T.ravel(),
-                columns.ravel().astype(np.int32),
+                np.stack([-xi, xi], axis=2).swapaxes(0, 1).ravel(),
+                columns.ravel(),
                 np.arange(len(k) + 1, dtype=np.int32) * (2 * dim),
             ),
             shape=(len(k), (high - low + 1) * dim),

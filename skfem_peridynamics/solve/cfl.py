@@ -79,7 +79,7 @@ def nodal_bounds(body: Peridynamics, m: Floats) -> tuple[float, float]:
     dim, n = body.bonds.dim, body.bonds.mesh.nvertices
     A = np.zeros((dim, dim, n))
     for block in body.blocks:
-        p = block.B.data.reshape(-1, 2 * dim)[:, dim:]
+        p = block.directions(dim)
         weight = 2.0 * block.law.slope * block.k
         low = block.first // dim
         width = block.B.shape[1] // dim
