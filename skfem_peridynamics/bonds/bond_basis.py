@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from .._types import Basis, Bools, Floats, Longs, Mesh
 from ..geometry.layers import boundary_function, distance_to_facets
-from ..geometry.simplices import check_simplices, vertex_sizes, vertex_volumes
+from ..geometry.simplices import check_simplices, facet_directions, vertex_sizes, vertex_volumes
 from ..material.calibration import UNIT_BALL
 from ..material.influence import Influence, as_influence
 from .neighbours import sweep_order
@@ -34,7 +34,7 @@ class BondBasis:
     >>> import skfem
     >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 9)), skfem.ElementVector(skfem.ElementLineP1()))
     >>> bonds = BondBasis(basis, horizon=0.25)
-    >>> bonds.nbonds, round(bonds.discrete_moment, 12)              # M_1 = 1/2, met exactly in 1D
+    >>> bonds.nbonds, round(bonds.discrete_moments[0], 12)            # M_1 = 1/2, met exactly in 1D
     (15, 0.5)
     """
 
@@ -139,11 +139,13 @@ class BondBasis:
         return as_influence(self.influence).moment(self.dim)
 
     @cached_property
-    def discrete_moment(self) -> float:
-        """What these bonds make of ``M_d``: the mean over vertices deeper than the horizon.
+    def discrete_moments(self) -> tuple[float, float]:
+        """What these bonds make of ``M_d``, for strains and for cracks: means over vertices deeper than the horizon.
 
-        Both the elastic energy and the toughness of a bond list, averaged over directions, are proportional to
-        ``sum weight J r``; hence one number calibrates both. Raises ``ValueError`` when no vertex is deep enough.
+        The elastic energy, averaged over directions, is proportional to ``sum weight J r``. A plane crack with normal
+        n costs ``sum weight J |xi.n|``; its mean over all n is the same sum, but a lattice of vertices is not
+        isotropic, and cracks run along facets: it is averaged over the facets of the mesh, by area, where the mesh
+        has few directions of them. Raises ``ValueError`` when no vertex is deep enough.
         """
         deep = self.interior[self.order]
         if not deep.any():
@@ -151,11 +153,21 @@ class BondBasis:
                 f"horizon = {self.horizon:g}: no vertex lies deeper than it inside the body, so the moment of the "
                 "bonds cannot be measured; use the continuum calibration"
             )
-        volume = vertex_volumes(self.mesh)[self.order]
-        total = 0.0
-        for start in range(0, self.nbonds, 1 << 18):
-            part = slice(start, start + (1 << 18))
-            r = np.linalg.norm(self.vectors(part), axis=0)
+        influence = as_influence(self.influence)
+        normals, share = facet_directions(self.mesh)
+        strain = crack = 0.0
+        for start in range(0, self.nbonds, 1 << 17):
+            part = slice(start, start + (1 << 17))
+            xi = self.vectors(part)
+            r = np.linalg.norm(xi, axis=0)
             ends = deep[self.bonds.i[part]].astype(float) + deep[self.bonds.j[part]]
-            total += float(ends @ (self.bonds.weight[part] * as_influence(self.influence)(r / self.horizon) * r))
-        return self.prefactor * total / (2.0 * self.dim * float(volume[deep].sum()))
+            weight = ends * self.bonds.weight[part] * influence(r / self.horizon)
+            strain += float(weight @ r)
+            crack += sum(float(weight @ np.abs(n @ xi)) * s for n, s in zip(normals.T, share, strict=True))
+        dim = self.dim
+        volume = float(vertex_volumes(self.mesh)[self.order][deep].sum())
+        scale = self.prefactor / (2.0 * dim * volume)
+        if not len(share):
+            return scale * strain, scale * strain
+        # the mean of |e.n| over the sphere is 2 omega_{d-1} / (d omega_d)
+        return scale * strain, scale * crack * dim * UNIT_BALL[dim] / (2.0 * UNIT_BALL[dim - 1])

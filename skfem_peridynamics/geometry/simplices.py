@@ -11,14 +11,14 @@ from .._types import Floats, Ints, Longs, Mesh
 
 def check_simplices(mesh: Mesh) -> None:
     """Raise ``ValueError`` unless the mesh is of first-order lines, triangles or tetrahedra of positive volume."""
-    if mesh.t.shape[0] != mesh.p.shape[0] + 1 or mesh.doflocs.shape[1] != mesh.nvertices:
+    if mesh.t.shape[0] != mesh.p.shape[0] + 1 or mesh.elem.maxdeg > 1:
         raise ValueError(
             f"mesh is a {type(mesh).__name__}; the elements must be first-order simplices: "
             "lines (1D), triangles (2D) or tetrahedra (3D)"
         )
     if not np.isfinite(mesh.p).all():
         raise ValueError("mesh has vertices with coordinates that are not finite")
-    unused = np.setdiff1d(np.arange(mesh.nvertices), mesh.t)
+    unused = np.setdiff1d(np.arange(mesh.p.shape[1]), mesh.t)
     if len(unused):
         raise ValueError(
             f"mesh has {len(unused)} vertices that belong to no element, the first is {unused[0]} at "
@@ -103,6 +103,26 @@ def outward_normals(mesh: Mesh, facets: Ints) -> tuple[Floats, Floats]:
     steep = np.linalg.norm(gradient, axis=0)
     measure = mesh.dim() * element_volumes(mesh)[element] * steep
     return gradient / steep + 0.0, measure
+
+
+def facet_directions(mesh: Mesh, most: int = 64) -> tuple[Floats, Floats]:
+    """Return the distinct unit normals of all facets (dim, k) and their shares of the area (k,), up to sign.
+
+    Both are empty when there are more than ``most`` of them: the mesh is irregular, and as good as isotropic.
+
+    >>> import skfem
+    >>> normals, share = facet_directions(skfem.MeshTri().refined(1))
+    >>> normals.shape, share.round(4).tolist()                          # six edges of 1/2 twice, four of 1/sqrt(2)
+    ((2, 3), [0.3398, 0.3204, 0.3398])
+    """
+    normal, area = outward_normals(mesh, np.arange(mesh.facets.shape[1]))
+    lead = np.take_along_axis(normal, (np.abs(normal) > 1e-6).argmax(axis=0)[None], axis=0)
+    normal = normal * np.sign(lead)
+    distinct, which = np.unique(np.round(normal, 6), axis=1, return_inverse=True)
+    if distinct.shape[1] > most:
+        return np.empty((mesh.dim(), 0)), np.empty(0)
+    share = np.bincount(which.ravel(), area)
+    return distinct / np.linalg.norm(distinct, axis=0), share / share.sum()
 
 
 def distance_to_simplices(x: Floats, corners: Floats, which: Longs) -> Floats:

@@ -149,12 +149,13 @@ class Material:
         """
         return dataclasses.replace(self, **changes)
 
-    def law(self, dim: int, moment: float) -> Potential:
+    def law(self, dim: int, moment: float, crack_moment: float | None = None) -> Potential:
         """Return the calibrated potential for a dimension and a moment ``M_d`` of the influence function.
 
         ``f'(0) = lambda / (factor M_d)``, ``f_inf = G_c omega_d / (2 omega_{d-1} M_d)`` (paper, section 2.1, with the
-        factor of docs/model.md).
+        factor of docs/model.md). A rule may have another moment for cracks than for strains: ``crack_moment``.
         """
+        crack_moment = moment if crack_moment is None else crack_moment
         ratio, nu = state(dim, self.plane)
         if self.poisson is not None and (nu is None or abs(self.poisson - nu) > 1e-6):
             can = "none in 1D" if nu is None else f"{nu:.6g} in this state"
@@ -170,10 +171,11 @@ class Material:
                 raise ValueError(f"K_Ic = {self.K_Ic} has no meaning in 1D; give toughness")
             young = lame / ratio
             toughness = self.K_Ic**2 / (young if self.plane == "stress" else young / (1.0 - nu**2))
-        limit = float("inf") if toughness is None else toughness * UNIT_BALL[dim] / (2 * UNIT_BALL[dim - 1] * moment)
+        spread = 2 * UNIT_BALL[dim - 1] / UNIT_BALL[dim] * crack_moment
+        limit = float("inf") if toughness is None else toughness / spread
         return make_potential(self.potential, slope, limit)
 
-    def elastic(self, law: Potential, dim: int, moment: float) -> Elastic:
+    def elastic(self, law: Potential, dim: int, moment: float, crack_moment: float | None = None) -> Elastic:
         """Return the constants that a law has: the way back, always with the physical factor.
 
         >>> m = Material.from_elastic(young=5.0, toughness=2.0, density=1.0, convention="paper")
@@ -183,5 +185,5 @@ class Material:
         """
         ratio, nu = state(dim, self.plane)
         lame = FACTOR["physical"][dim] * law.slope * moment
-        toughness = 2 * UNIT_BALL[dim - 1] / UNIT_BALL[dim] * law.limit * moment
+        toughness = 2 * UNIT_BALL[dim - 1] / UNIT_BALL[dim] * law.limit * (crack_moment or moment)
         return Elastic(lame, lame / ratio, nu, toughness, self.density)

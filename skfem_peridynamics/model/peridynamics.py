@@ -64,19 +64,21 @@ class Peridynamics:
         """The calibrated potential of these bonds."""
         if isinstance(self.material, Potential):
             return self.material
-        return self.material.law(self.bonds.dim, self._moment)
+        return self.material.law(self.bonds.dim, *self._moments)
 
     @property
-    def _moment(self) -> float:
-        discrete = isinstance(self.material, Material) and self.material.calibrate == "discrete"
-        return self.bonds.discrete_moment if discrete else self.bonds.moment
+    def _moments(self) -> tuple[float, float]:
+        """The moments ``M_d`` for strains and for cracks, exact or of these bonds."""
+        if isinstance(self.material, Material) and self.material.calibrate == "discrete":
+            return self.bonds.discrete_moments
+        return self.bonds.moment, self.bonds.moment
 
     @property
     def elastic(self) -> Elastic:
         """Lamé constant, Young's modulus, toughness and wave speeds that the law has; needs a ``Material``."""
         if not isinstance(self.material, Material):
             raise ValueError("material is a bare potential; elastic constants need a Material with a density")
-        return self.material.elastic(self.law, self.bonds.dim, self._moment)
+        return self.material.elastic(self.law, self.bonds.dim, *self._moments)
 
     @cached_property
     def blocks(self) -> list[Block]:

@@ -15,6 +15,9 @@ from ..material.influence import as_influence
 from ..model.peridynamics import Peridynamics
 
 _DENSE = 128  # unknowns up to which the whole spectrum is computed
+# Lanczos from one random vector can settle on a neighbour of the largest eigenvalue with a small residual: over
+# tests/test_cfl.py's meshes and four starts each it was 0.42 % low at worst.
+_MISSED = 5e-3
 
 
 @dataclass(frozen=True)
@@ -35,8 +38,11 @@ class StepLimit:
 
     @property
     def dt(self) -> float:
-        """The step from ``min(nodal bound, Ritz value + residual)``: Lanczos approaches from the unsafe side."""
-        ritz = self.eigenvalue + self.residual
+        """The step from ``min(nodal bound, Ritz value + residual + 0.5 %)``: Lanczos approaches from the unsafe side.
+
+        The half per cent is left out where the whole spectrum was computed (``products == 0``).
+        """
+        ritz = (self.eigenvalue + self.residual) * (1.0 + (_MISSED if self.products else 0.0))
         return 2.0 / sqrt(ritz if ritz < self.nodal_bound else self.nodal_bound)
 
     def steps(self) -> dict[str, float]:
@@ -124,14 +130,14 @@ def largest_eigenvalue(body: Peridynamics, m: Floats, tolerance: float) -> tuple
     return float(value[0]), float(np.linalg.norm(apply(x) - value[0] * x)), count
 
 
-def stable_time_step(body: Peridynamics, M: sparse.spmatrix, *, tolerance: float = 5e-3) -> StepLimit:
+def stable_time_step(body: Peridynamics, M: sparse.spmatrix, *, tolerance: float = 4e-3) -> StepLimit:
     """Return the largest stable step of the linearised model on this mesh, with all its estimates.
 
     The paper's condition is ``dt^2/4 sup a_l(u,u)/(u,u) <= 1``. For laws with ``f'' <= 0`` the tangent never exceeds
     its value at rest, so the limit serves the whole nonlinear run.
 
     ``M`` is the lumped mass of the scheme; ``tolerance`` is relative, for the eigenvalue; the
-    default costs about 40 products and half of it in the step at most.
+    default costs about 40 products, and with the margin 0.5 % of the step at most.
 
     >>> import skfem
     >>> from skfem_peridynamics import BondBasis, Linear, mass_matrix

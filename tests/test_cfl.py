@@ -1,0 +1,111 @@
+import numpy as np
+import pytest
+import scipy.linalg
+from bodies import body_on, box, grid
+from skfem_peridynamics import Exponential, Linear, mass_matrix, stable_time_step
+
+
+def true_limit(body, M):
+    return scipy.linalg.eigh(body.stiffness().toarray(), M.toarray(), eigvals_only=True)[-1]
+
+
+CASES = [
+    (dim, kind, ratio, seed)
+    for dim, kinds, ratios in (
+        (1, ("structured", "random", "graded"), (1.02, 2.0, 3.5, 6.0)),
+        (2, ("structured", "random", "graded"), (1.02, 1.5, 2.0, 3.0, 4.0, 6.0)),
+        (3, ("structured", "random"), (1.02, 1.5, 2.0, 3.0)),
+    )
+    for kind in kinds
+    for ratio in ratios
+    for seed in range(3 if kind == "random" else 1)
+]
+DIVISIONS = {1: 40, 2: 14, 3: 6}
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_no_estimate_that_promises_safety_is_unsafe(dim):
+    ratios = []
+    for d, kind, ratio, seed in CASES:
+        if d != dim:
+            continue
+        n = DIVISIONS[dim]
+        stretch = {"structured": 1.0, "random": 1.5, "graded": 1.5}[kind] if ratio < 1.5 else 1.0
+        mesh = box(dim, n, kind, seed)
+        body = body_on(mesh, ratio * stretch / n)
+        M = mass_matrix(body.basis)
+        limit, exact = stable_time_step(body, M), true_limit(body, M)
+        ratios.append((exact / limit.nodal_bound, exact / limit.closed_form, exact / limit.row_sum))
+        assert exact <= limit.nodal_bound * (1 + 1e-12)
+        assert limit.nodal_bound <= limit.row_sum * (1 + 1e-12)
+        assert 0.99 <= limit.dt * np.sqrt(exact) / 2 <= 1 + 1e-9, (kind, ratio, seed)
+        assert limit.eigenvalue <= exact * (1 + 1e-9)
+    low, high = np.min(ratios, axis=0), np.max(ratios, axis=0)
+    names = ("nodal bound", "closed form", "row sum")
+    print(f"{dim}D, true eigenvalue over: " + ", ".join(f"{n} {a:.3f}..{b:.3f}" for n, a, b in zip(names, low, high, strict=True)))
+    if dim == 2:
+        assert high[1] > 1.0  # the closed form bounds exact integrals, and a sampled energy exceeds it
+
+
+def test_closed_form_is_sharper_than_the_papers_by_the_dimension_and_infinite_in_1d():
+    for dim, mean in ((2, 2.0), (3, 1.5)):
+        body = body_on(box(dim, 4), 0.6, Exponential(3.0, 1.0))
+        limit = stable_time_step(body, mass_matrix(body.basis, density=2.0))
+        L1 = 4 * body.law.suprema[1] * mean
+        assert limit.closed_form == pytest.approx(L1 / (2.0 * 0.6**2) / dim, rel=1e-12)
+    body = body_on(box(1, 20), 0.2)
+    limit = stable_time_step(body, mass_matrix(body.basis))
+    assert limit.closed_form == np.inf
+    assert limit.steps()["closed_form"] == 0.0
+
+
+@pytest.mark.parametrize(("dim", "J", "bound"), [(2, "constant", 4.5291), (3, "constant", 2.8034), (2, "conical", 2.0)])
+def test_exact_symbol_bounds_what_fine_lattices_reach(dim, J, bound):
+    """rho eps^2 lam / f'(0) of the infinite body; vertex pairs come close to it on fine structured meshes."""
+    n, ratio = {2: (40, 8), 3: (14, 4)}[dim]
+    body = body_on(box(dim, n), ratio / n, influence=J)
+    lam = stable_time_step(body, mass_matrix(body.basis), tolerance=1e-6).eigenvalue * (ratio / n) ** 2
+    assert lam == pytest.approx(bound, rel=0.1)
+
+
+def test_gain_over_the_row_sum_of_other_codes():
+    for dim, n, ratio, gain in ((2, 24, 3, 1.65), (2, 24, 4, 1.65), (3, 12, 3, 1.95)):
+        body = body_on(grid(*((1.0, n),) * dim), (ratio + 0.015) / n)
+        limit = stable_time_step(body, mass_matrix(body.basis))
+        assert limit.dt / limit.steps()["row_sum"] > gain
+
+
+def test_density_and_stiffness_scale_the_step():
+    body, M = body_on(box(2, 6), 0.4, Linear(4.0)), None
+    M = mass_matrix(body.basis)
+    one = stable_time_step(body, M)
+    two = stable_time_step(body.with_(material=Linear(1.0)), 4.0 * M)
+    assert two.dt == pytest.approx(4.0 * one.dt, rel=1e-9)
+
+
+def test_masses_that_will_not_do():
+    body = body_on(box(1, 4), 0.4)
+    with pytest.raises(ValueError, match=r"entries off its diagonal; this scheme needs mass_matrix\(kind=\"lumped\"\)"):
+        stable_time_step(body, mass_matrix(body.basis, kind="consistent"))
+    with pytest.raises(ValueError, match="positive, finite diagonal"):
+        stable_time_step(body, 0.0 * mass_matrix(body.basis))
+    with pytest.raises(ValueError, match="density = -1"):
+        mass_matrix(body.basis, density=-1)
+    with pytest.raises(ValueError, match="kind = 'lumpy'"):
+        mass_matrix(body.basis, kind="lumpy")
+
+
+def test_lanczos_that_does_not_converge_leaves_the_guaranteed_bound():
+    body = body_on(box(2, 14), 0.2)
+    M = mass_matrix(body.basis)
+    limit = stable_time_step(body, M, tolerance=1e-300)
+    if np.isnan(limit.eigenvalue):
+        assert limit.dt == 2 / np.sqrt(limit.nodal_bound)
+    else:
+        assert limit.residual < 1e-9 * limit.eigenvalue
+
+
+def test_no_stiffness_at_all():
+    body = body_on(box(1, 4), 0.3, boundary_function=np.zeros(5))
+    with pytest.raises(ValueError, match="no bond has any stiffness"):
+        stable_time_step(body, mass_matrix(body.basis))
