@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import io
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,7 +26,7 @@ from ..model.loads import layer_share, traction
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics
 from ..solve.cfl import StepLimit, stable_time_step
-from ..solve.constraints import Prescribed
+from ..solve.constraints import Prescribed, check_fixed
 from .formula import Formula
 from .reading import SceneError
 from .scene import LoadTable, MeshTable, Scene, Where
@@ -50,10 +52,13 @@ def read_mesh(path: Path) -> Mesh:
 
     if not path.is_file():
         raise SceneError(f"mesh.file = {str(path)!r} is not a file")
+    said = io.StringIO()  # meshio prints its reasons
     try:
-        mesh = skfem.Mesh.load(str(path), ignore_orientation=True)
+        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+            mesh = skfem.Mesh.load(str(path), ignore_orientation=True)
     except (SystemExit, Exception) as error:  # whatever a reader of a foreign format may raise
-        raise SceneError(f"mesh.file = {str(path)!r} cannot be read as a mesh: {error}") from None
+        reason = " ".join((said.getvalue() or str(error)).split())
+        raise SceneError(f"mesh.file = {str(path)!r} cannot be read as a mesh: {reason}") from None
     blame(f"mesh.file = {str(path)!r}", lambda: check_simplices(mesh))
     return mesh
 
@@ -221,6 +226,7 @@ class Problem:
             blame(f"{path}.{name}", lambda formula=formula, points=points: formula(points, 0.0))  # type: ignore[misc]
             motion = _motion(formula, points, each)
             out.append(Prescribed(dofs, **{name: motion}))
+        blame("fixed", lambda: check_fixed(out, self.basis.N))
         return out
 
     @cached_property

@@ -42,8 +42,6 @@ def table(kind: type[_T]) -> Callable[[Any, str], _T]:
                 raise SceneError(f"{dot}{name} is missing; it must be given")
         try:
             return kind(**given)
-        except SceneError:
-            raise
         except ValueError as error:
             raise SceneError(f"{path}: {error}") from None
 

@@ -39,17 +39,17 @@ class MeshTable:
 
     def __post_init__(self) -> None:
         if (self.file is None) == (self.box is None):
-            raise SceneError("mesh: give one of file and box, not both and not none")
+            raise ValueError("give one of file and box, not both and not none")
         if (self.box is None) != (self.divisions is None):
-            raise SceneError("mesh: box and divisions go together")
+            raise ValueError("box and divisions go together")
         if self.box is not None and self.divisions is not None:
             if not 1 <= len(self.box) <= 3 or len(self.box) != len(self.divisions):
-                raise SceneError(f"mesh.box has {len(self.box)} axes and mesh.divisions {len(self.divisions)}; 1 to 3, alike")
+                raise ValueError(f"box has {len(self.box)} axes and divisions {len(self.divisions)}; 1 to 3, alike")
             for axis in self.box:
                 if len(axis) != 2 or not axis[0] < axis[1]:
-                    raise SceneError(f"mesh.box = {list(map(list, self.box))}: each axis is [low, high] with low < high")
+                    raise ValueError(f"box = {list(map(list, self.box))}: each axis is [low, high] with low < high")
             if min(self.divisions) < 1:
-                raise SceneError(f"mesh.divisions = {list(self.divisions)} must be at least 1 each")
+                raise ValueError(f"divisions = {list(self.divisions)} must be at least 1 each")
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class CrackTable:
 
     def __post_init__(self) -> None:
         if (self.points is None) == (self.facets is None):
-            raise SceneError("crack: give one of points and facets, not both and not none")
+            raise ValueError("give one of points and facets, not both and not none")
 
 
 @dataclass(frozen=True)
@@ -101,11 +101,11 @@ class Where:
 
     def __post_init__(self) -> None:
         if sum(entry is not None for entry in (self.on, self.region, self.where)) != 1:
-            raise SceneError("give one of on, region and where")
+            raise ValueError("give one of on, region and where")
         if self.width is not None and self.on is None:
-            raise SceneError(f"width = {self.width} goes with on")
+            raise ValueError(f"width = {self.width} goes with on")
         if self.where is not None and self.where.uses("t"):
-            raise SceneError(f"where = {self.where.text!r} must not depend on t")
+            raise ValueError(f"where = {self.where.text!r} must not depend on t")
 
 
 @dataclass(frozen=True)
@@ -124,11 +124,11 @@ class LoadTable:
 
     def __post_init__(self) -> None:
         if (self.body is None) == (self.traction is None):
-            raise SceneError("give one of body and traction")
+            raise ValueError("give one of body and traction")
         if (self.traction is None) != (self.on is None):
-            raise SceneError("traction and on go together")
+            raise ValueError("traction and on go together")
         if self.layer is not None and self.traction is None:
-            raise SceneError(f"layer = {self.layer} goes with traction")
+            raise ValueError(f"layer = {self.layer} goes with traction")
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ class FixedTable(Where):
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.displacement is None) == (self.velocity is None):
-            raise SceneError("give one of displacement and velocity")
+            raise ValueError("give one of displacement and velocity")
 
 
 @dataclass(frozen=True)

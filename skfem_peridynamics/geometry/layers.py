@@ -45,21 +45,23 @@ def distance_to_facets(mesh: Mesh, facets: Any, within: float, points: Floats | 
     corners = mesh.p[:, mesh.facets[:, facets]]
     middle = corners.mean(axis=1)
     radius = np.linalg.norm(corners - middle[:, None], axis=0).max()
+    extent = float(np.ptp(mesh.p, axis=1).max())
+    far = (within + radius) * (1.0 + 1e-9) + 1e-12 * extent  # what lies on the rim is found
     tree = cKDTree(middle.T)
     distance = np.full(points.shape[1], np.inf)
     for start in range(0, points.shape[1], _CHUNK):
         chunk = points[:, start : start + _CHUNK]
-        nearest, _ = tree.query(chunk.T, distance_upper_bound=within + radius)
+        nearest, _ = tree.query(chunk.T, distance_upper_bound=far)
         close = np.flatnonzero(np.isfinite(nearest))
         if not len(close):
             continue
         some = cKDTree(chunk[:, close].T)
-        pairs = some.sparse_distance_matrix(tree, within + radius, output_type="ndarray")
+        pairs = some.sparse_distance_matrix(tree, far, output_type="ndarray")
         # the nearest facet has its middle no farther than a facet radius beyond the nearest middle
-        pairs = pairs[pairs["v"] <= (nearest[close] + radius)[pairs["i"]]]
+        pairs = pairs[pairs["v"] <= ((nearest[close] + radius) * (1.0 + 1e-9))[pairs["i"]]]
         point = close[pairs["i"]]
         np.minimum.at(distance, start + point, distance_to_simplices(chunk[:, point], corners, pairs["j"]))
-    distance[distance > within * (1.0 + 1e-9)] = np.inf
+    distance[distance > within * (1.0 + 1e-9) + 1e-12 * extent] = np.inf
     return distance
 
 

@@ -53,7 +53,7 @@ class Facets:
         """Return the segments and the facets that are close enough to meet."""
         half = 0.5 * float(np.linalg.norm(q - p, axis=0).max())
         tree, middles = cKDTree(self.middle.T), cKDTree((0.5 * (p + q)).T)
-        found = middles.sparse_distance_matrix(tree, half + self.radius, output_type="ndarray")
+        found = middles.sparse_distance_matrix(tree, (half + self.radius) * (1.0 + 1e-9), output_type="ndarray")
         return found["i"], found["j"]
 
     def margin(self, p: Floats, q: Floats, which: Longs) -> Floats:
@@ -174,7 +174,7 @@ def sight(mesh: Mesh, reach: float) -> Sight:
     block = Facets.of(corners[:, :, standing], normal[:, standing], extent)
     if len(standing):
         tree = cKDTree(block.middle.T)
-        near = np.isfinite(tree.query(mesh.p.T, distance_upper_bound=reach + block.radius)[0])
+        near = np.isfinite(tree.query(mesh.p.T, distance_upper_bound=(reach + block.radius) * (1.0 + 1e-9))[0])
         around[first] = near[mesh.facets[:, facets[first]]].any(axis=0)
     boundary = Facets.of(corners[:, :, around], normal[:, around], extent)
     inset = _inset(mesh, normal) if len(standing) else 0.0

@@ -128,8 +128,13 @@ class Team:
         self._pool: ThreadPoolExecutor | None = None
 
     def map(self, function: Callable[[Block], _T], blocks: Sequence[Block]) -> Iterator[_T]:
+        def quiet(block: Block) -> _T:
+            # a run that has become unstable overflows; who steps it looks at the numbers, and says so in words
+            with np.errstate(over="ignore", invalid="ignore"):
+                return function(block)
+
         if self.threads == 1 or len(blocks) < 2:
-            return map(function, blocks)
+            return map(quiet, blocks)
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.threads)
-        return self._pool.map(function, blocks)
+        return self._pool.map(quiet, blocks)
