@@ -1,6 +1,6 @@
 """The stable time step of a mesh, four ways, with what each costs in steps.
 
-    python examples/cfl_of_a_mesh.py [MESH_FILE HORIZON]
+python examples/cfl_of_a_mesh.py [MESH_FILE HORIZON]
 """
 
 import sys

@@ -1,6 +1,6 @@
 """A pulse in a bar (1D): how fast it travels, what it keeps of its energy, and how long that took.
 
-    python examples/wave_bar.py
+python examples/wave_bar.py
 """
 
 import time

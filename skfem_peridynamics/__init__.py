@@ -17,9 +17,11 @@ from .material.potential import Exponential, Linear, Potential, Rational, own_po
 from .model.loads import body_force, layer_traction, traction
 from .model.mass import interpolate, mass_matrix, project
 from .model.peridynamics import Peridynamics
-from .solve.central_difference import Energies, State, UnstableRun, central_difference
+from .solve.central_difference import central_difference
 from .solve.cfl import StepLimit, stable_time_step
 from .solve.constraints import Prescribed
+from .solve.state import Energies, State
+from .solve.watch import UnstableRun
 
 if TYPE_CHECKING:
     from .app.output import Frames

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from skfem_peridynamics import Material
 
 STATES = [(1, None, None), (2, "stress", 1 / 3), (2, "strain", 1 / 4), (3, None, 1 / 4)]
@@ -37,7 +38,11 @@ def test_formulas_of_the_paper(dim, plane, nu):
 
 
 def test_toughness_from_stress_intensity():
-    for plane, dim, young in [("stress", 2, 70e9), ("strain", 2, 70e9 / (1 - 1 / 16)), (None, 3, 70e9 / (1 - 1 / 16))]:
+    for plane, dim, young in [
+        ("stress", 2, 70e9),
+        ("strain", 2, 70e9 / (1 - 1 / 16)),
+        (None, 3, 70e9 / (1 - 1 / 16)),
+    ]:
         m = Material.from_elastic(young=70e9, K_Ic=0.75e6, density=2500.0, plane=plane)
         assert m.elastic(m.law(dim, 0.3), dim, 0.3).toughness == pytest.approx(0.75e6**2 / young, rel=1e-12)
 
@@ -71,7 +76,10 @@ def test_constants_that_make_no_sense(changes, message):
         Material.from_elastic(**(good | changes))
 
 
-@pytest.mark.parametrize(("dim", "plane", "nu", "can"), [(2, "stress", 0.3, "0.333333"), (3, None, 0.3, "0.25"), (1, None, 0.25, "none in 1D")])
+@pytest.mark.parametrize(
+    ("dim", "plane", "nu", "can"),
+    [(2, "stress", 0.3, "0.333333"), (3, None, 0.3, "0.25"), (1, None, 0.25, "none in 1D")],
+)
 def test_a_poisson_ratio_the_law_cannot_have_is_refused_with_the_reason(dim, plane, nu, can):
     m = Material.from_elastic(young=1.0, toughness=1.0, density=1.0, plane=plane, poisson=nu)
     with pytest.raises(ValueError, match=f"one elastic constant .* {can}"):

@@ -1,6 +1,9 @@
+from collections import deque
+
 import numpy as np
 import pytest
 from bodies import at_vertices, body_on, box, grid, vector_basis
+
 from skfem_peridynamics import (
     Exponential,
     Linear,
@@ -25,9 +28,7 @@ class Spring:
 
 
 def last(states):
-    for state in states:
-        pass
-    return state
+    return deque(states, maxlen=1).pop()
 
 
 def test_first_step_and_recursion_are_the_papers():
@@ -50,7 +51,17 @@ def test_first_step_and_recursion_are_the_papers():
 
 def test_second_order_in_time():
     def error(n):
-        s = last(central_difference(Spring(), np.ones(1), np.ones(1), 0.3 * np.ones(1), dt=2.0 / n, until=2.0, load=lambda t: np.array([np.sin(2 * t)])))
+        s = last(
+            central_difference(
+                Spring(),
+                np.ones(1),
+                np.ones(1),
+                0.3 * np.ones(1),
+                dt=2.0 / n,
+                until=2.0,
+                load=lambda t: np.array([np.sin(2 * t)]),
+            )
+        )
         # u'' + u = sin 2t: u = A cos t + B sin t - sin(2 t) / 3
         B = 0.3 + 2 / 3
         exact_u = np.cos(2) + B * np.sin(2) - np.sin(4) / 3
@@ -102,7 +113,9 @@ def test_linear_model_beyond_the_limit_stops_and_says_so():
     assert step <= 1000
     assert f"dt = {1.01 * limit.dt:.6g}, which is 1.01 times the stable limit {limit.dt:.6g}" in message
     # amplification itself, without the watch
-    grown = [np.abs(s.u).max() for s in central_difference(body, M, u0, dt=1.01 * limit.dt, until=300 * limit.dt, watch=0)]
+    grown = [
+        np.abs(s.u).max() for s in central_difference(body, M, u0, dt=1.01 * limit.dt, until=300 * limit.dt, watch=0)
+    ]
     assert grown[-1] > 1e6 * grown[0]
 
 
@@ -203,7 +216,11 @@ def test_drop_in_dofs_of_scikit_fem():
 def test_continuing_gives_the_same_bits():
     body, M, u0 = small_body(Exponential(1.0, 1e-4))
     limit = stable_time_step(body, M)
-    options = {"dt": 0.9 * limit.dt, "load": lambda t: np.full(body.basis.N, 1e-4 * t), "fixed": [Prescribed([0, 1], displacement=0.0)]}
+    options = {
+        "dt": 0.9 * limit.dt,
+        "load": lambda t: np.full(body.basis.N, 1e-4 * t),
+        "fixed": [Prescribed([0, 1], displacement=0.0)],
+    }
     whole = last(central_difference(body, M, u0, until=50 * limit.dt, **options)).copy()
     for state in central_difference(body, M, u0, until=50 * limit.dt, **options):
         if state.step == 20:
@@ -246,8 +263,14 @@ def test_momentum_of_a_free_body_is_kept():
         ({"u0": np.array([0.0, np.nan])}, r"u0\[1\] = nan is not finite \(1 of 2 values are not\)"),
         ({"v0": np.array([np.inf, 0.0])}, r"v0\[0\] = inf is not finite"),
         ({"u0": np.zeros(3)}, r"u0 has shape \(3,\); the mass matrix has 2 degrees of freedom"),
-        ({"fixed": [Prescribed([5], displacement=0.0)]}, "a prescribed degree of freedom, 5, is not among the 2"),
-        ({"fixed": [Prescribed([0], displacement=0.0), Prescribed([0, 1], velocity=0.0)]}, "degree of freedom 0 is prescribed twice"),
+        (
+            {"fixed": [Prescribed([5], displacement=0.0)]},
+            "a prescribed degree of freedom, 5, is not among the 2",
+        ),
+        (
+            {"fixed": [Prescribed([0], displacement=0.0), Prescribed([0, 1], velocity=0.0)]},
+            "degree of freedom 0 is prescribed twice",
+        ),
     ],
 )
 def test_arguments_that_make_no_sense(changes, message):
@@ -271,6 +294,12 @@ def test_prescribed_motions_that_are_none(keys, message):
 
 
 def test_a_motion_that_is_not_finite_is_named_with_its_time():
-    run = central_difference(Spring(), np.ones(1), dt=0.1, until=1.0, fixed=[Prescribed([0], displacement=lambda t: np.log(0.5 - t))])
+    run = central_difference(
+        Spring(),
+        np.ones(1),
+        dt=0.1,
+        until=1.0,
+        fixed=[Prescribed([0], displacement=lambda t: np.log(0.5 - t))],
+    )
     with pytest.raises(ValueError, match="not finite at t = 0.5"), np.errstate(all="ignore"):
         last(run)

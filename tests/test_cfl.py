@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from bodies import body_on, box, grid
+
 from skfem_peridynamics import Exponential, Linear, mass_matrix, stable_time_step
 
 
@@ -42,7 +43,10 @@ def test_no_estimate_that_promises_safety_is_unsafe(dim):
         assert limit.eigenvalue <= exact * (1 + 1e-9)
     low, high = np.min(ratios, axis=0), np.max(ratios, axis=0)
     names = ("nodal bound", "closed form", "row sum")
-    print(f"{dim}D, true eigenvalue over: " + ", ".join(f"{n} {a:.3f}..{b:.3f}" for n, a, b in zip(names, low, high, strict=True)))
+    print(
+        f"{dim}D, true eigenvalue over: "
+        + ", ".join(f"{n} {a:.3f}..{b:.3f}" for n, a, b in zip(names, low, high, strict=True))
+    )
     if dim == 2:
         assert high[1] > 1.0  # the closed form bounds exact integrals, and a sampled energy exceeds it
 

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from bodies import at_vertices, body_on, box, grid
+
 from skfem_peridynamics import Exponential, Linear, census, damage
 
 
@@ -11,7 +12,12 @@ def test_counts_against_a_loop_over_bonds(dim):
     body = body_on(mesh, {1: 0.3, 2: 0.45, 3: 0.8}[dim], law, no_fail=[0, 1])
     u = 0.4 * np.random.default_rng(0).standard_normal(mesh.nvertices * dim)
     U, bonds = u.reshape(-1, dim), body.bonds
-    Z, every, gone, energy = np.zeros(mesh.nvertices), np.zeros(mesh.nvertices), np.zeros(mesh.nvertices), [0.0, 0.0]
+    Z, every, gone, energy = (
+        np.zeros(mesh.nvertices),
+        np.zeros(mesh.nvertices),
+        np.zeros(mesh.nvertices),
+        [0.0, 0.0],
+    )
     for b, k in enumerate(bonds.measure()):
         i, j = bonds.order[bonds.bonds.i[b]], bonds.order[bonds.bonds.j[b]]
         xi = mesh.p[:, j] - mesh.p[:, i]
@@ -26,12 +32,12 @@ def test_counts_against_a_loop_over_bonds(dim):
         energy[int(z > 1)] += k * (Linear(1.3).f(r * S**2) if spared else law.f(np.array(r * S**2)))
     assert gone.sum() > 10
     d, c = damage(body, u), census(body, u)
-    assert d.Z == pytest.approx(Z, rel=1e-12)
+    assert pytest.approx(Z, rel=1e-12) == d.Z
     assert d.intact == pytest.approx(1 - gone / every, rel=1e-12)
     assert d.softened == c.softened == gone.sum() / 2
     assert [c.energy_intact, c.energy_softened] == pytest.approx(energy, rel=1e-12)
     assert c.elastic == pytest.approx(body.energy(u), rel=1e-12)
-    assert c.Z == pytest.approx(Z.max(), rel=1e-12)
+    assert pytest.approx(Z.max(), rel=1e-12) == c.Z
 
 
 def test_a_body_at_rest_is_whole():

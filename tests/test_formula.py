@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from skfem_peridynamics.app.formula import Formula, FormulaError
 
 X = np.array([[0.5, 1.0, -2.0], [3.0, 0.25, 1.0]])

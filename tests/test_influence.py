@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from skfem_peridynamics import Influence, conical, constant, gaussian
 from skfem_peridynamics.material.influence import as_influence
 

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from bodies import box, grid
+from bodies import box, grid, vector_basis
+
 from skfem_peridynamics import Crack, boundary_function, collar, region, slit
 from skfem_peridynamics.geometry.layers import distance_to_facets
 from skfem_peridynamics.geometry.simplices import outward_normals, vertex_sizes, vertex_volumes
 from skfem_peridynamics.model.mass import mass_matrix
-from bodies import vector_basis
 
 
 @pytest.mark.parametrize("dim", [1, 2, 3])
@@ -20,7 +20,11 @@ def test_vertex_volumes_are_the_row_sums_of_scikit_fems_mass(dim, kind):
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_vertex_size_is_h_on_structured_meshes_slits_included(dim):
     mesh = grid(*((1.0, 4),) * dim)
-    corners = {1: [[0.5]], 2: [[0.0, 0.5], [0.5, 0.5]], 3: [[0.5, 0, 0], [0.5, 0.5, 0], [0.5, 0.5, 1], [0.5, 0, 1]]}
+    corners = {
+        1: [[0.5]],
+        2: [[0.0, 0.5], [0.5, 0.5]],
+        3: [[0.5, 0, 0], [0.5, 0.5, 0], [0.5, 0.5, 1], [0.5, 0, 1]],
+    }
     assert vertex_sizes(slit(mesh, Crack(corners[dim]))) == pytest.approx(0.25, rel=1e-12)
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from bodies import at_vertices, body_on, box, grid, vector_basis
+
 from skfem_peridynamics import BondBasis, Material, Peridynamics
 from skfem_peridynamics.model.mass import mass_matrix
 
@@ -47,7 +48,9 @@ def test_energy_in_1d_is_second_order():
 
 # the largest error measured at four, eight, ... vertices per horizon is 0.0042, 0.0065, 0.0003 in 2D (it is a lattice
 # count, hence not monotone) and 0.0102 at four in 3D; the bounds leave a tenth
-@pytest.mark.parametrize(("dim", "per_horizon", "bound"), [(2, 4, 4.7e-3), (2, 8, 7.1e-3), (2, 16, 3.2e-4), (3, 4, 1.13e-2)])
+@pytest.mark.parametrize(
+    ("dim", "per_horizon", "bound"), [(2, 4, 4.7e-3), (2, 8, 7.1e-3), (2, 16, 3.2e-4), (3, 4, 1.13e-2)]
+)
 def test_energies_of_the_square_and_the_cube(dim, per_horizon, bound):
     errors = {name: error(dim, name, per_horizon) for d, name in EXACT if d == dim}
     print({"dim": dim, "eps/h": per_horizon} | {name: f"{e:+.2e}" for name, e in errors.items()})
@@ -86,7 +89,8 @@ def lattice_speed(dim, polarisation, direction, convention="physical", per_horiz
 
 
 @pytest.mark.parametrize(
-    ("dim", "direction"), [(2, (1, 0)), (2, (1, 1)), (2, (2, 1)), (3, (1, 0, 0)), (3, (1, 1, 0)), (3, (1, 1, 1))]
+    ("dim", "direction"),
+    [(2, (1, 0)), (2, (1, 1)), (2, (2, 1)), (3, (1, 0, 0)), (3, (1, 1, 0)), (3, (1, 1, 1))],
 )
 def test_long_waves_travel_at_the_elastic_speeds(dim, direction):
     for polarisation in "PS":

@@ -5,6 +5,7 @@ import pytest
 from bodies import at_vertices, body_on, box, grid
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from skfem_peridynamics import Crack, Exponential, Linear, PairRule, Rational, own_potential, slit
 from skfem_peridynamics.geometry.simplices import vertex_sizes, vertex_volumes
 
@@ -28,7 +29,13 @@ def make(case):
     dim, kind, influence, law, w, partial, seed = case
     mesh = box(dim, DIVISIONS[dim], kind, seed % 7)
     body = body_on(
-        mesh, HORIZON[dim], law, influence, boundary_function=w, rule=PairRule(partial_volume=partial), threads=1
+        mesh,
+        HORIZON[dim],
+        law,
+        influence,
+        boundary_function=w,
+        rule=PairRule(partial_volume=partial),
+        threads=1,
     )
     return body, mesh, np.random.default_rng(seed)
 
@@ -170,7 +177,9 @@ def test_no_fail_bonds_stay_linear():
     touched = np.isin(bonds.order[bonds.bonds.i], [0]) | np.isin(bonds.order[bonds.bonds.j], [0])
     q = np.linalg.norm(bonds.vectors(), axis=0)
     k = bonds.measure()
-    assert some.energy(u) == pytest.approx((k[touched] * q[touched]).sum() + (k[~touched] * law.f(q[~touched])).sum(), rel=1e-13)
+    assert some.energy(u) == pytest.approx(
+        (k[touched] * q[touched]).sum() + (k[~touched] * law.f(q[~touched])).sum(), rel=1e-13
+    )
     assert hard.energy(u) > some.energy(u) > soft.energy(u)
     for bad in ([], [11], [-1], [0.5]):
         with pytest.raises(ValueError, match="no_fail must list vertices, numbers from 0 to 10"):
@@ -187,7 +196,9 @@ def test_own_law_runs_through_every_operator():
     u, v = np.random.default_rng(0).standard_normal((2, 2 * mesh.nvertices))
     body = body_on(mesh, 0.4, own_potential(Law()))
     step = 1e-6
-    assert -body.force(u) @ v == pytest.approx((body.energy(u + step * v) - body.energy(u - step * v)) / (2 * step), rel=1e-6)
+    assert -body.force(u) @ v == pytest.approx(
+        (body.energy(u + step * v) - body.energy(u - step * v)) / (2 * step), rel=1e-6
+    )
 
 
 def test_a_slit_body_has_its_rigid_motions_twice():

@@ -1,9 +1,16 @@
 import numpy as np
 import pytest
+
 from skfem_peridynamics import Exponential, Linear, Rational, own_potential
 from skfem_peridynamics.material.potential import Potential, make_potential
 
-LAWS = [Exponential(8.0, 2.0), Rational(8.0, 2.0), Linear(8.0), Exponential(1.6e11, 318.0), Rational(3e-9, 5e4)]
+LAWS = [
+    Exponential(8.0, 2.0),
+    Rational(8.0, 2.0),
+    Linear(8.0),
+    Exponential(1.6e11, 318.0),
+    Rational(3e-9, 5e4),
+]
 
 
 @pytest.mark.parametrize("law", LAWS, ids=repr)
@@ -11,7 +18,9 @@ def test_derivatives_are_those_of_f(law):
     scale = 1.0 / np.sqrt(law.b) if np.isfinite(law.limit) else 1.0
     T = scale * np.linspace(-3.0, 3.0, 61)
     h = 1e-5 * scale
-    assert law.gradient(T) * scale == pytest.approx((law.energy(T + h) - law.energy(T - h)) / (2e-5), abs=1e-8 * law.slope * scale**2)
+    assert law.gradient(T) * scale == pytest.approx(
+        (law.energy(T + h) - law.energy(T - h)) / (2e-5), abs=1e-8 * law.slope * scale**2
+    )
     assert law.hessian(T) == pytest.approx((law.gradient(T + h) - law.gradient(T - h)) / (2 * h), abs=1e-7 * law.slope)
     assert law.energy(np.zeros(1))[0] == 0.0
     assert law.hessian(np.zeros(1))[0] == pytest.approx(2 * law.slope, rel=1e-14)

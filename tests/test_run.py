@@ -9,12 +9,26 @@ import meshio
 import numpy as np
 import pytest
 import skfem
-from skfem_peridynamics import Frames, Scene, run
-from skfem_peridynamics.app.cli import main
 from bodies import vector_basis
 from test_scene import GOOD, change
 
-KEYS = """nodes bonds dt dt_limit steps energy_drift seconds seconds_per_step peak_memory_mb rule scheme version""".split()
+from skfem_peridynamics import Frames, Scene, run
+from skfem_peridynamics.app.cli import main
+
+KEYS = [
+    "nodes",
+    "bonds",
+    "dt",
+    "dt_limit",
+    "steps",
+    "energy_drift",
+    "seconds",
+    "seconds_per_step",
+    "peak_memory_mb",
+    "rule",
+    "scheme",
+    "version",
+]
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +64,18 @@ def test_history_balances_and_has_no_clock(finished):
     with open(out / "history.csv") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 5
-    assert set(rows[0]) == {"t", "step", "kinetic", "intact", "softened", "total", "work", "imbalance", "softened_bonds", "largest_Z"}
+    assert set(rows[0]) == {
+        "t",
+        "step",
+        "kinetic",
+        "intact",
+        "softened",
+        "total",
+        "work",
+        "imbalance",
+        "softened_bonds",
+        "largest_Z",
+    }
     assert [int(row["step"]) for row in rows][0::4] == [0, summary["steps"]]
     v = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
     assert v["total"] == pytest.approx(v["kinetic"] + v["intact"] + v["softened"], rel=1e-14)
@@ -122,7 +147,18 @@ def test_cfl_of_a_scene_and_of_a_mesh_file(tmp_path, capsys):
     assert numbers["dt"] >= numbers["dt_limit"]["nodal_bound"]
     mesh = skfem.MeshTri.init_tensor(np.linspace(0, 1, 17), np.linspace(0, 0.5, 9))
     mesh.save(str(tmp_path / "plate.vtu"))
-    flags = ["--mesh", str(tmp_path / "plate.vtu"), "--horizon", "0.13", "--young", "1", "--density", "1", "--plane", "stress"]
+    flags = [
+        "--mesh",
+        str(tmp_path / "plate.vtu"),
+        "--horizon",
+        "0.13",
+        "--young",
+        "1",
+        "--density",
+        "1",
+        "--plane",
+        "stress",
+    ]
     assert main(["cfl", *flags, "--json"]) == 0
     plain = json.loads(capsys.readouterr().out)
     assert plain["nodes"] == 153
@@ -152,10 +188,18 @@ def test_progress_on_a_pipe(tmp_path, capsys):
 
 def test_groups_of_a_gmsh_like_file_are_names(tmp_path):
     points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, 0]], dtype=float)
-    cells = [("triangle", np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])), ("line", np.array([[0, 1], [2, 3]]))]
-    data = {"gmsh:physical": [np.array([3, 3, 3, 3]), np.array([1, 2])], "gmsh:geometrical": [np.array([1, 1, 1, 1]), np.array([1, 2])]}
+    cells = [
+        ("triangle", np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])),
+        ("line", np.array([[0, 1], [2, 3]])),
+    ]
+    data = {
+        "gmsh:physical": [np.array([3, 3, 3, 3]), np.array([1, 2])],
+        "gmsh:geometrical": [np.array([1, 1, 1, 1]), np.array([1, 2])],
+    }
     field = {"floor": np.array([1, 1]), "roof": np.array([2, 1]), "core": np.array([3, 2])}
-    meshio.Mesh(points, cells, cell_data=data, field_data=field).write(tmp_path / "part.msh", file_format="gmsh22", binary=False)
+    meshio.Mesh(points, cells, cell_data=data, field_data=field).write(
+        tmp_path / "part.msh", file_format="gmsh22", binary=False
+    )
     (tmp_path / "scene.toml").write_text("""
     mesh = {file = "part.msh"}
     material = {young = 1.0, toughness = 1.0, density = 1.0, plane = "strain"}
@@ -181,7 +225,7 @@ SPARE = """
 import sys
 import skfem
 import skfem_peridynamics as peri
-assert not {"meshio", "matplotlib", "tomllib", "pyamg", "numba", "rich", "scipy.integrate"} & set(sys.modules), sys.modules.keys()
+assert not {"meshio", "matplotlib", "tomllib", "pyamg", "numba", "rich", "scipy.integrate"} & set(sys.modules)
 assert not any(name.startswith("skfem_peridynamics.app") for name in sys.modules)
 from skfem_peridynamics.app.build import Problem
 from skfem_peridynamics.model import kernels, mass, peridynamics
@@ -222,7 +266,10 @@ def test_what_a_scene_does_not_need_is_neither_built_nor_imported(tmp_path):
 def test_python_m(tmp_path):
     (tmp_path / "scene.toml").write_text(GOOD)
     result = subprocess.run(
-        [sys.executable, "-m", "skfem_peridynamics", "check", str(tmp_path / "scene.toml")], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "skfem_peridynamics", "check", str(tmp_path / "scene.toml")],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert result.returncode == 0
     assert "dimension, nodes" in result.stdout

@@ -5,6 +5,7 @@ import tomllib
 import numpy as np
 import pytest
 import skfem
+
 from skfem_peridynamics import Scene
 from skfem_peridynamics.app.cli import main
 from skfem_peridynamics.app.reading import SceneError
@@ -50,48 +51,126 @@ def change(old, new):
 
 
 BAD = {
-    "unknown key": (change("young = 1.0", "yong = 1.0"), "material.yong = 1.0: there is no such key; did you mean 'young'?"),
-    "unknown table": (GOOD + "[sponge]\na = 1", "sponge = {'a': 1}: there is no such key; the keys there are mesh, material"),
+    "unknown key": (
+        change("young = 1.0", "yong = 1.0"),
+        "material.yong = 1.0: there is no such key; did you mean 'young'?",
+    ),
+    "unknown table": (
+        GOOD + "[sponge]\na = 1",
+        "sponge = {'a': 1}: there is no such key; the keys there are mesh, material",
+    ),
     "missing key": (change("young = 1.0, ", ""), "material: give one of young = None and lame = None"),
     "missing horizon": (change("horizon = 0.13", ""), "bonds.horizon is missing; it must be given"),
-    "negative constant": (change("young = 1.0", "young = -1.0"), "material.young = -1.0 must be a positive number"),
+    "negative constant": (
+        change("young = 1.0", "young = -1.0"),
+        "material.young = -1.0 must be a positive number",
+    ),
     "not a number": (change("young = 1.0", "young = nan"), "material.young = nan must be a finite number"),
-    "text for a number": (change("density = 1.0", 'density = "heavy"'), "material.density = 'heavy' must be a finite number"),
+    "text for a number": (
+        change("density = 1.0", 'density = "heavy"'),
+        "material.density = 'heavy' must be a finite number",
+    ),
     "true for a number": (change("density = 1.0", "density = true"), "material.density = True must be"),
     "zero horizon": (change("0.13}\ncrack", "0}\ncrack"), "bonds.horizon = 0 must be a positive number"),
     "no bonds": (change("horizon = 0.13", "horizon = 0.02"), "leaves vertex 0 at (0, 0) without a bond"),
-    "poisson": (change('plane = "stress"', 'plane = "stress", poisson = 0.3'), "material: poisson = 0.3: a bond-based law has one elastic constant"),
+    "poisson": (
+        change('plane = "stress"', 'plane = "stress", poisson = 0.3'),
+        "material: poisson = 0.3: a bond-based law has one elastic constant",
+    ),
     "no plane": (change(', plane = "stress"', ""), "material: plane = None: a body in 2D is in plane"),
-    "crack outside": (change("[[0.0, 0.25], [0.5, 0.25]]", "[[2.0, 0.25], [3.0, 0.25]]"), "crack: crack from (2, 0.25) to (3, 0.25): no interior facet"),
+    "crack outside": (
+        change("[[0.0, 0.25], [0.5, 0.25]]", "[[2.0, 0.25], [3.0, 0.25]]"),
+        "crack: crack from (2, 0.25) to (3, 0.25): no interior facet",
+    ),
     "crack off the mesh lines": (change("0.25], [0.5, 0.25]", "0.26], [0.5, 0.26]"), "facets must follow it"),
-    "crack of one point": (change("[[0.0, 0.25], [0.5, 0.25]]", "[[0.0, 0.25]]"), "crack[0].points: a crack in 2D needs at least 2 points"),
-    "crack in 3D": (change("[[0.0, 0.25], [0.5, 0.25]]", "[[0,0,0],[1,0,0],[1,1,0]]"), "crack: crack points have 3 coordinates, the mesh has 2"),
-    "unknown boundary": (change('on = "left"', 'on = "lift"'), "fixed[0].on: boundary 'lift' is not in the mesh; its named boundaries are: left, right"),
-    "unknown load boundary": (change('on = "bottom"', 'on = "botom"'), "load[1]: boundary 'botom' is not in the mesh"),
-    "empty fixed set": (change('on = "left"', 'where = "x > 7"'), "fixed[0] selects no vertex: the set is empty"),
-    "unknown region": (change('on = "left"', 'region = "core"'), "fixed[0].region: subdomain 'core' is not in the mesh"),
-    "two selections": (change('on = "left"', 'on = "left", where = "x"'), "fixed[0]: give one of on, region and where"),
-    "width without on": (change('on = "left"', 'where = "0.1 - x", width = 0.1'), "fixed[0]: width = 0.1 goes with on"),
-    "component": (change('component = "x"', 'component = "z"'), "fixed[0].component = 'z': the body has 2 dimensions"),
-    "both motions": (change("displacement = 0}", "displacement = 0, velocity = 1}"), "fixed[0]: give one of displacement and velocity"),
-    "fixed twice": (change("fixed = [", 'fixed = [{on = "left", displacement = 0}, '), "fixed: degree of freedom 0 is prescribed twice"),
-    "NaN initial data": (change("1e-3*y", "log(y - 0.1)"), "initial.velocity: formula 'log(y - 0.1)' is nan at x = 0, y = 0, t = 0"),
-    "formula that calls": (change("1e-3*y", "open(y)"), "initial.velocity[1]: formula \"open(y)\": 'open' is not a name it knows"),
-    "formula in z": (change("1e-3*y", "z"), "initial.velocity: formula 'z' uses z, but the body has 2 dimensions"),
-    "components": (change('["0", "1e-3*y"]', '["0"]'), "initial.velocity has 1 components; the body has 2 dimensions"),
+    "crack of one point": (
+        change("[[0.0, 0.25], [0.5, 0.25]]", "[[0.0, 0.25]]"),
+        "crack[0].points: a crack in 2D needs at least 2 points",
+    ),
+    "crack in 3D": (
+        change("[[0.0, 0.25], [0.5, 0.25]]", "[[0,0,0],[1,0,0],[1,1,0]]"),
+        "crack: crack points have 3 coordinates, the mesh has 2",
+    ),
+    "unknown boundary": (
+        change('on = "left"', 'on = "lift"'),
+        "fixed[0].on: boundary 'lift' is not in the mesh; its named boundaries are: left, right",
+    ),
+    "unknown load boundary": (
+        change('on = "bottom"', 'on = "botom"'),
+        "load[1]: boundary 'botom' is not in the mesh",
+    ),
+    "empty fixed set": (
+        change('on = "left"', 'where = "x > 7"'),
+        "fixed[0] selects no vertex: the set is empty",
+    ),
+    "unknown region": (
+        change('on = "left"', 'region = "core"'),
+        "fixed[0].region: subdomain 'core' is not in the mesh",
+    ),
+    "two selections": (
+        change('on = "left"', 'on = "left", where = "x"'),
+        "fixed[0]: give one of on, region and where",
+    ),
+    "width without on": (
+        change('on = "left"', 'where = "0.1 - x", width = 0.1'),
+        "fixed[0]: width = 0.1 goes with on",
+    ),
+    "component": (
+        change('component = "x"', 'component = "z"'),
+        "fixed[0].component = 'z': the body has 2 dimensions",
+    ),
+    "both motions": (
+        change("displacement = 0}", "displacement = 0, velocity = 1}"),
+        "fixed[0]: give one of displacement and velocity",
+    ),
+    "fixed twice": (
+        change("fixed = [", 'fixed = [{on = "left", displacement = 0}, '),
+        "fixed: degree of freedom 0 is prescribed twice",
+    ),
+    "NaN initial data": (
+        change("1e-3*y", "log(y - 0.1)"),
+        "initial.velocity: formula 'log(y - 0.1)' is nan at x = 0, y = 0, t = 0",
+    ),
+    "formula that calls": (
+        change("1e-3*y", "open(y)"),
+        "initial.velocity[1]: formula \"open(y)\": 'open' is not a name it knows",
+    ),
+    "formula in z": (
+        change("1e-3*y", "z"),
+        "initial.velocity: formula 'z' uses z, but the body has 2 dimensions",
+    ),
+    "components": (
+        change('["0", "1e-3*y"]', '["0"]'),
+        "initial.velocity has 1 components; the body has 2 dimensions",
+    ),
     "load components": (change("[0, 0.01]", "[0, 0.01, 0]"), "load[0].traction has 3 components"),
-    "load that is not finite": (change("[0, 0.01]", '[0, "1/x"]'), "load[0].traction: formula '1/x' is inf at x = 0"),
+    "load that is not finite": (
+        change("[0, 0.01]", '[0, "1/x"]'),
+        "load[0].traction: formula '1/x' is inf at x = 0",
+    ),
     "time": (change("until = 0.5", "until = -0.5"), "time.until = -0.5 must be a positive number"),
     "frames": (change("frames = 2", "frames = 2.5"), "output.frames = 2.5 must be a whole number"),
-    "box": (change("[0, 0.5]]", "[0.5, 0]]"), "mesh: box = [[0.0, 1.0], [0.5, 0.0]]: each axis is [low, high] with low < high"),
+    "box": (
+        change("[0, 0.5]]", "[0.5, 0]]"),
+        "mesh: box = [[0.0, 1.0], [0.5, 0.0]]: each axis is [low, high] with low < high",
+    ),
     "divisions": (change("[16, 8]", "[16]"), "mesh: box has 2 axes and divisions 1"),
     "huge": (change("[16, 8]", "[100000, 100000]"), "makes 1e+10 vertices, more than memory holds"),
-    "mesh file": (change("{box = [[0, 1], [0, 0.5]], divisions = [16, 8]}", '{file = "none.msh"}'), "none.msh' is not a file"),
+    "mesh file": (
+        change("{box = [[0, 1], [0, 0.5]], divisions = [16, 8]}", '{file = "none.msh"}'),
+        "none.msh' is not a file",
+    ),
     "box and file": (change("{box", '{file = "a.msh", box'), "mesh: give one of file and box"),
     "not a table": (change("bonds = {horizon = 0.13}", "bonds = 3"), "bonds = 3 must be a table"),
     "not an array of tables": (change("no_fail = [", "no_fail = 3 #"), "no_fail must be an array of tables"),
-    "potential": (change("young = 1.0", 'potential = "cubic", young = 1.0'), "material.potential = 'cubic' must be one of exponential, rational, linear"),
-    "boundary function": (change("horizon = 0.13", 'horizon = 0.13, boundary_function = "rough"'), "must be one of smooth"),
+    "potential": (
+        change("young = 1.0", 'potential = "cubic", young = 1.0'),
+        "material.potential = 'cubic' must be one of exponential, rational, linear",
+    ),
+    "boundary function": (
+        change("horizon = 0.13", 'horizon = 0.13, boundary_function = "rough"'),
+        "must be one of smooth",
+    ),
     "not TOML": ("title = ", "not TOML"),
 }
 
@@ -183,7 +262,11 @@ def test_time_dependent_loads_and_motions_agree_with_the_library():
     problem = Problem(Scene.parse(content))
     x, y = problem.mesh.p
     F0, F1 = problem.load(0.0).reshape(-1, 2), problem.load(1.0).reshape(-1, 2)
-    still = Problem(Scene.parse(change('[0, 0.01], on = "top", layer = 0.13', '[0, 0], on = "top"'))).load(0.0).reshape(-1, 2)
+    still = (
+        Problem(Scene.parse(change('[0, 0.01], on = "top", layer = 0.13', '[0, 0], on = "top"')))
+        .load(0.0)
+        .reshape(-1, 2)
+    )
     assert F1 - still == pytest.approx(np.cos(3) * (F0 - still), abs=1e-15)
     assert (F0 - still)[:, 1].sum() == pytest.approx(0.005, rel=1e-12)
     left = np.flatnonzero(x == 0)

@@ -3,6 +3,7 @@ import pytest
 import skfem
 from bodies import at_vertices, body_on, grid
 from scipy.sparse.csgraph import connected_components
+
 from skfem_peridynamics import Crack, slit
 
 
@@ -46,7 +47,9 @@ def test_three_ways_meet_in_a_junction():
 def test_tagged_facets_do_the_same_and_names_survive():
     mesh = grid((1, 4), (1, 4))
     tag = mesh.facets_satisfying(lambda x: (np.abs(x[1] - 0.5) < 1e-9) & (x[0] < 0.5))
-    mesh = mesh.with_boundaries({"crack": tag, "left": lambda x: x[0] < 1e-9}).with_subdomains({"low": lambda x: x[1] < 0.5})
+    mesh = mesh.with_boundaries({"crack": tag, "left": lambda x: x[0] < 1e-9}).with_subdomains(
+        {"low": lambda x: x[1] < 0.5}
+    )
     by_tag, by_line = slit(mesh, facets="crack"), slit(mesh, Crack([[0.0, 0.5], [0.5, 0.5]]))
     assert np.array_equal(by_tag.p, by_line.p)
     assert np.array_equal(by_tag.t, by_line.t)
@@ -59,7 +62,11 @@ def test_tagged_facets_do_the_same_and_names_survive():
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_halves_pulled_apart_rigidly_store_exactly_nothing(dim):
     sides = ((1.0, 8),) + ((0.5, 4),) * (dim - 1)
-    corners = {1: [[0.5]], 2: [[0.5, 0.0], [0.5, 0.5]], 3: [[0.5, 0, 0], [0.5, 0.5, 0], [0.5, 0.5, 0.5], [0.5, 0, 0.5]]}
+    corners = {
+        1: [[0.5]],
+        2: [[0.5, 0.0], [0.5, 0.5]],
+        3: [[0.5, 0, 0], [0.5, 0.5, 0], [0.5, 0.5, 0.5], [0.5, 0, 0.5]],
+    }
     mesh = slit(grid(*sides), Crack(corners[dim]))
     body = body_on(mesh, horizon=0.3)
     right = np.zeros(mesh.nvertices)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from bodies import at_vertices, grid, vector_basis
+
 from skfem_peridynamics import BondBasis, Material, Peridynamics
 
 
@@ -27,7 +28,9 @@ def opened(dim, widths, per_horizon, influence, calibrate):
 def relative(dim, influence, calibrate, per_horizon=4):
     n = 2 * per_horizon + 2
     if dim == 2:
-        return (opened(2, [n + 4], per_horizon, influence, calibrate) - opened(2, [n], per_horizon, influence, calibrate)) / 4
+        return (
+            opened(2, [n + 4], per_horizon, influence, calibrate) - opened(2, [n], per_horizon, influence, calibrate)
+        ) / 4
     E = {
         (a, b): opened(3, [n + a, n + b], per_horizon, influence, calibrate)
         for a, b in ((0, 0), (2, 0), (0, 2), (2, 2))
@@ -64,7 +67,9 @@ def test_discrete_calibration_of_a_body():
     assert discrete.elastic.young == pytest.approx(1.0, rel=1e-12)
     assert [discrete.elastic.toughness, plain.elastic.toughness] == pytest.approx([1.0, 1.0], rel=1e-12)
     # deep inside, the energy density of a linear field is that of the material, averaged over directions
-    assert np.isclose(ratio, np.mean([_density(bonds, t) for t in np.linspace(0, np.pi, 16, endpoint=False)]), rtol=0.02)
+    assert np.isclose(
+        ratio, np.mean([_density(bonds, t) for t in np.linspace(0, np.pi, 16, endpoint=False)]), rtol=0.02
+    )
 
 
 def _density(bonds, angle):

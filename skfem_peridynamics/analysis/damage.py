@@ -30,7 +30,7 @@ class Census:
 class Damage:
     """The state of the bonds at the vertices under one displacement.
 
-    ``Z`` (nvertices,) is ``max |S| / S_c`` over the bonds of a vertex, 0 where no bond can fail; ``intact`` (nvertices,)
+    ``Z`` (nvertices,) is ``max |S| / S_c`` over the bonds of a vertex, 0 where none can fail; ``intact`` (nvertices,)
     the fraction of a vertex's bonds with ``|S| <= S_c``; ``softened`` counts the others. No-fail bonds are intact.
     """
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..solve.central_difference import State
+from ..solve.state import State
 
 
 def discrete_energy(K: Any, M: Any, state: State) -> float:

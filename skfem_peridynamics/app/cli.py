@@ -51,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError as error:
         return _complain(f"not enough memory: {error or 'take a coarser mesh or a smaller horizon'}", 2)
     except Exception as error:
-        from ..solve.central_difference import UnstableRun
+        from ..solve.watch import UnstableRun
 
         if isinstance(error, UnstableRun):
             return _complain(error, 2)
@@ -132,14 +132,20 @@ def _from_flags(arguments: argparse.Namespace) -> Scene:
     return Scene(
         title=arguments.mesh,
         mesh=MeshTable(file=arguments.mesh),
-        material=MaterialTable(density=arguments.density, young=arguments.young, plane=arguments.plane, potential="linear"),
+        material=MaterialTable(
+            density=arguments.density, young=arguments.young, plane=arguments.plane, potential="linear"
+        ),
         bonds=BondsTable(horizon=arguments.horizon, influence=arguments.influence or "constant"),
         time=TimeTable(until=1.0),
     )
 
 
 def _cfl(arguments: argparse.Namespace) -> int:
-    flags = [name for name in ("mesh", "horizon", "young", "density", "plane", "influence") if getattr(arguments, name) is not None]
+    flags = [
+        name
+        for name in ("mesh", "horizon", "young", "density", "plane", "influence")
+        if getattr(arguments, name) is not None
+    ]
     if arguments.scene is not None and flags:
         raise SceneError(f"--{flags[0]} goes with --mesh, not with a scene; change the scene instead")
     scene = _from_flags(arguments) if arguments.scene is None else Scene.read(arguments.scene)
@@ -167,14 +173,21 @@ def _cfl(arguments: argparse.Namespace) -> int:
     steps = limit.steps()
 
     def against(dt: float) -> str:
-        return f"{dt:<12.6g} {dt / limit.dt:6.3f} of the limit" if dt > 0.0 else "none in 1D: the exact integrals have no bound"
+        return (
+            f"{dt:<12.6g} {dt / limit.dt:6.3f} of the limit"
+            if dt > 0.0
+            else "none in 1D: the exact integrals have no bound"
+        )
 
     print(f"stable time step of {scene.title}")
     _table(
         [
             ("nodes, bonds", f"{numbers['nodes']}, {numbers['bonds']}"),
             ("limit", f"{limit.dt:<12.6g} take 0.8 to 0.95 of it"),
-            ("eigenvalue", against(steps["eigenvalue"]) + f", residual {limit.residual / limit.eigenvalue:.1e}"),
+            (
+                "eigenvalue",
+                against(steps["eigenvalue"]) + f", residual {limit.residual / limit.eigenvalue:.1e}",
+            ),
             ("nodal bound", against(steps["nodal_bound"]) + ", guaranteed"),
             ("closed form", against(steps["closed_form"])),
             ("row sum", against(steps["row_sum"]) + ", what other codes use"),
@@ -188,7 +201,8 @@ def _check(arguments: argparse.Namespace) -> int:
     scene = Scene.read(arguments.scene)
     from math import ceil
 
-    from .build import Problem, free_memory
+    from .build import Problem
+    from .meshes import free_memory
 
     problem = Problem(scene)
     material = problem.material

@@ -1,11 +1,11 @@
 """Formulas in x, y, z, t by a closed arithmetic grammar; nothing else can be named or called.
 
-    comparison  := sum [("<" | "<=" | ">" | ">=") sum]          1 where true, else 0
-    sum         := product {("+" | "-") product}
-    product     := unary {("*" | "/") unary}
-    unary       := ("+" | "-") unary | power
-    power       := atom [("^" | "**") unary]
-    atom        := number | name | function "(" comparison {"," comparison} ")" | "(" comparison ")"
+comparison  := sum [("<" | "<=" | ">" | ">=") sum]          1 where true, else 0
+sum         := product {("+" | "-") product}
+product     := unary {("*" | "/") unary}
+unary       := ("+" | "-") unary | power
+power       := atom [("^" | "**") unary]
+atom        := number | name | function "(" comparison {"," comparison} ")" | "(" comparison ")"
 """
 
 from __future__ import annotations
@@ -22,7 +22,10 @@ from .._types import Floats
 VARIABLES = ("x", "y", "z", "t")
 CONSTANTS = {"pi": np.pi, "e": np.e}
 FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
-    **{name: (1, getattr(np, name)) for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "sinh", "cosh", "abs")},
+    **{
+        name: (1, getattr(np, name))
+        for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "sinh", "cosh", "abs")
+    },
     "step": (1, lambda s: np.where(np.asarray(s) >= 0.0, 1.0, 0.0)),
     "min": (2, np.minimum),
     "max": (2, np.maximum),
@@ -39,7 +42,9 @@ _OPERATORS: dict[str, Callable[..., Any]] = {
     ">": lambda a, b: np.where(np.greater(a, b), 1.0, 0.0),
     ">=": lambda a, b: np.where(np.greater_equal(a, b), 1.0, 0.0),
 }
-_TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|([A-Za-z_]\w*)|(\*\*|<=|>=|[-+*/^(),<>]))")
+_TOKEN = re.compile(
+    r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|([A-Za-z_]\w*)|(\*\*|<=|>=|[-+*/^(),<>]))"
+)
 _LONGEST = 2000
 _DEEPEST = 50
 

@@ -29,7 +29,7 @@ def write_whole(path: Path, content: str) -> None:
 class Frames:
     """Write fields at vertices as ``frame_0000.vtu, ...`` and ``frames.pvd`` into a folder.
 
-    Vectors (N,) of the basis get three components, as ParaView likes them; scalars are (nvertices,). Fields are stored in
+    Vectors (N,) of the basis get three components, as ParaView likes them; scalars are (nvertices,). Fields are in
     single precision, compressed. Frames that an earlier run left there are removed first.
 
     >>> import tempfile, skfem
@@ -74,7 +74,8 @@ class Frames:
         rows = "".join(f'    <DataSet timestep="{t!r}" file={quoteattr(name)}/>\n' for t, name in self.times)
         write_whole(
             Path(self.folder) / "frames.pvd",
-            f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n{rows}  </Collection>\n</VTKFile>\n',
+            '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+            f"{rows}  </Collection>\n</VTKFile>\n",
         )
         return path
 

@@ -50,7 +50,9 @@ def plot_damage(path: Path, basis: Basis, u: Floats, intact: Floats, title: str)
         scale = 8.0 / max(wide, high)
         figure = _figure(max(3.5, scale * wide) + 1.2, max(2.0, scale * high) + 0.8)
         axes = figure.add_subplot()
-        shades = axes.tripcolor(p[0], p[1], mesh.t.T, broken, shading="gouraud", cmap=_COLOURS, vmin=0, vmax=1, rasterized=True)
+        shades = axes.tripcolor(
+            p[0], p[1], mesh.t.T, broken, shading="gouraud", cmap=_COLOURS, vmin=0, vmax=1, rasterized=True
+        )
         axes.set_aspect("equal")
         axes.set_xlabel("x")
         axes.set_ylabel("y")
@@ -96,7 +98,11 @@ def plot_energies(path: Path, history: History, title: str) -> None:
         ("total", "k-"),
         ("work", "k:"),
     ):
-        label = {"intact": "elastic, intact bonds", "softened": "elastic, softened bonds", "work": "external work"}
+        label = {
+            "intact": "elastic, intact bonds",
+            "softened": "elastic, softened bonds",
+            "work": "external work",
+        }
         axes.plot(t, history.column(name), style, label=label.get(name, name), linewidth=1.5)
     axes.set_xlabel("t")
     axes.set_ylabel("energy")

@@ -103,7 +103,9 @@ def rows(value: Any, path: str) -> tuple[tuple[float, ...], ...]:
     """An array of arrays of numbers, as long as each other."""
     if not isinstance(value, list) or not value or not all(isinstance(row, list) and row for row in value):
         raise SceneError(f"{path} = {value!r} must be an array of arrays of numbers")
-    read = tuple(tuple(number(entry, f"{path}[{i}][{k}]") for k, entry in enumerate(row)) for i, row in enumerate(value))
+    read = tuple(
+        tuple(number(entry, f"{path}[{i}][{k}]") for k, entry in enumerate(row)) for i, row in enumerate(value)
+    )
     if len({len(row) for row in read}) > 1:
         raise SceneError(f"{path} = {value!r} must have rows of one length")
     return read

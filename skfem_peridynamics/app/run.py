@@ -13,14 +13,27 @@ import numpy as np
 from .._types import Floats
 from .._version import __version__
 from ..analysis.damage import Census, census, damage
-from ..solve.central_difference import State, UnstableRun, central_difference
+from ..solve.central_difference import central_difference
+from ..solve.state import State
+from ..solve.watch import UnstableRun
 from . import plot
 from .build import Problem
 from .output import Frames, History, write_summary
 from .reading import SceneError
 from .scene import Scene
 
-COLUMNS = ("t", "step", "kinetic", "intact", "softened", "total", "work", "imbalance", "softened_bonds", "largest_Z")
+COLUMNS = (
+    "t",
+    "step",
+    "kinetic",
+    "intact",
+    "softened",
+    "total",
+    "work",
+    "imbalance",
+    "softened_bonds",
+    "largest_Z",
+)
 
 
 class Progress(Protocol):
@@ -98,7 +111,8 @@ def run(scene: Scene, out: str | Path, progress: Progress | None = None) -> dict
     progress = progress or Silent()
     out, clock = Path(out), _Clock()
     problem = Problem(scene)
-    if scene.output.pictures and not plot.available():
+    pictures = plot.available() if scene.output.pictures is None else scene.output.pictures
+    if pictures and not plot.available():
         raise SceneError('output.pictures = true needs matplotlib: install the extra "plot", or set it to false')
     if out.exists() and not out.is_dir():
         raise SceneError(f"output folder {str(out)!r} exists and is not a folder")
@@ -147,10 +161,15 @@ def run(scene: Scene, out: str | Path, progress: Progress | None = None) -> dict
                 if frames is not None and state.step in at_frame:
                     with clock.phase("output"):
                         hurt = damage(problem.body, state.u)
-                        fields = {"displacement": state.u, "velocity": state.v, "intact": hurt.intact, "Z": hurt.Z}
+                        fields = {
+                            "displacement": state.u,
+                            "velocity": state.v,
+                            "intact": hurt.intact,
+                            "Z": hurt.Z,
+                        }
                         frames.write(state.t, **fields)
         assert state is not None
-        if scene.output.pictures:
+        if pictures:
             with clock.phase("output"):
                 _pictures(out, problem, state.u, history)
         summary["status"] = "finished"
@@ -181,7 +200,16 @@ def _row(state: State, count: Census) -> tuple[float, ...]:
     total = kinetic + count.elastic
     imbalance = total - state.work - state.initial
     return (
-        *(state.t, state.step, kinetic, count.energy_intact, count.energy_softened, total, state.work, imbalance),
+        *(
+            state.t,
+            state.step,
+            kinetic,
+            count.energy_intact,
+            count.energy_softened,
+            total,
+            state.work,
+            imbalance,
+        ),
         *(count.softened, count.Z),
     )
 

@@ -92,7 +92,7 @@ class CrackTable:
 
 @dataclass(frozen=True)
 class Where:
-    """A set of vertices: on a boundary (``on``), within ``width`` of it, in a subdomain (``region``) or ``where > 0``."""
+    """Vertices: on a boundary (``on``), within ``width`` of it, in a subdomain (``region``) or ``where > 0``."""
 
     on: str | None = key(text, None)
     width: float | None = key(positive, None)
@@ -115,7 +115,7 @@ class NoFailTable(Where):
 
 @dataclass(frozen=True)
 class LoadTable:
-    """``[[load]]``: a ``body`` force per volume, or a ``traction`` per area ``on`` a boundary, in a ``layer`` if given."""
+    """``[[load]]``: a ``body`` force per volume, or a ``traction`` per area ``on`` a boundary or in a ``layer``."""
 
     body: tuple[Formula, ...] | None = key(formulas, None)
     traction: tuple[Formula, ...] | None = key(formulas, None)
@@ -164,11 +164,14 @@ class TimeTable:
 
 @dataclass(frozen=True)
 class OutputTable:
-    """``[output]``: number of ``frames`` and of ``history`` rows spread over the run; ``pictures``."""
+    """``[output]``: number of ``frames`` and of ``history`` rows spread over the run; ``pictures``.
+
+    Where ``pictures`` is not given they are drawn if matplotlib is installed.
+    """
 
     frames: int = key(count, 10)
     history: int = key(count, 50)
-    pictures: bool = key(flag, True)
+    pictures: bool | None = key(flag, None)
 
 
 @dataclass(frozen=True)

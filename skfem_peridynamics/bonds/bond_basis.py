@@ -51,7 +51,7 @@ class BondBasis:
         mesh = self.basis.mesh
         check_simplices(mesh)
         expected = np.arange(mesh.dim() * mesh.nvertices).reshape(-1, mesh.dim()).T
-        if self.basis.N != expected.size or not np.array_equal(self.basis.nodal_dofs, expected):
+        if expected.size != self.basis.N or not np.array_equal(self.basis.nodal_dofs, expected):
             raise ValueError(
                 f"basis has {self.basis.N} degrees of freedom; bonds need the vector P1 basis of the mesh "
                 f"({expected.size}): skfem.Basis(mesh, ElementVector(P1 element of the mesh))"

@@ -56,4 +56,4 @@ def estimate_pairs(x: Floats, reach: float, samples: int = 500) -> int:
     pick = np.unique(np.linspace(0, n - 1, min(n, samples)).astype(np.int64))
     tree = cKDTree(x.T)
     count = tree.query_ball_point(x.T[pick], reach * (1.0 + RIM), return_length=True)
-    return round(float(np.mean(count - 1)) * n / 2)
+    return int(float(np.mean(count - 1)) * n / 2 + 0.5)

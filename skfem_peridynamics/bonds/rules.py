@@ -43,7 +43,7 @@ class PairRule:
 
     >>> import skfem
     >>> mesh = skfem.MeshLine(np.linspace(0, 1, 5))
-    >>> PairRule().bonds(mesh, 0.25, order=np.arange(5)).weight.tolist()         # 2 V_i V_j / 2: half of each neighbour is in the ball
+    >>> PairRule().bonds(mesh, 0.25, order=np.arange(5)).weight.tolist()  # half of each neighbour is in the ball
     [0.03125, 0.0625, 0.0625, 0.03125]
     """
 

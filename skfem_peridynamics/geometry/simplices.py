@@ -61,7 +61,7 @@ def vertex_volumes(mesh: Mesh) -> Floats:
     """
     corners = mesh.t.shape[0]
     share = np.broadcast_to(element_volumes(mesh) / corners, mesh.t.shape)
-    return np.bincount(mesh.t.ravel(), share.ravel(), mesh.nvertices)
+    return np.asarray(np.bincount(mesh.t.ravel(), share.ravel(), mesh.nvertices), dtype=float)
 
 
 def vertex_sizes(mesh: Mesh) -> Floats:
@@ -148,7 +148,5 @@ def distance_to_simplices(x: Floats, corners: Floats, which: Longs) -> Floats:
     outside = np.flatnonzero((np.min(inner, axis=0) < 0.0) | (np.sum(inner, axis=0) > 1.0))
     if len(outside):
         rims = [np.delete(corners, drop, axis=1) for drop in range(k)]
-        distance[outside] = np.min(
-            [distance_to_simplices(x[:, outside], rim, which[outside]) for rim in rims], axis=0
-        )
+        distance[outside] = np.min([distance_to_simplices(x[:, outside], rim, which[outside]) for rim in rims], axis=0)
     return distance

@@ -32,7 +32,7 @@ _BONDS = 4096  # looked at together: bounds the bond-facet pairs held in memory
 
 @dataclass(frozen=True)
 class Facets:
-    """Facets as planes: a corner (dim, n), a unit normal (dim, n) and the gradients of dim - 1 barycentric coordinates."""
+    """Facets as planes: a corner and a unit normal (dim, n), and gradients of dim - 1 barycentric coordinates."""
 
     corner: Floats
     normal: Floats
@@ -46,7 +46,7 @@ class Facets:
         edges = np.moveaxis(corners[:, 1:] - corners[:, :1], 2, 0)
         middle = corners.mean(axis=1)
         radius = float(np.linalg.norm(corners - middle[:, None], axis=0).max(initial=0.0))
-        gradient = np.moveaxis(np.linalg.pinv(edges), 0, 2)
+        gradient = np.moveaxis(np.asarray(np.linalg.pinv(edges), dtype=float), 0, 2)
         return cls(corners[:, 0], normal, gradient, middle, radius, _FLUSH * extent)
 
     def pairs(self, p: Floats, q: Floats) -> tuple[Longs, Longs]:
@@ -96,8 +96,8 @@ class Sight:
         for start in range(0, len(suspect), _BONDS):
             bonds = suspect[start : start + _BONDS]
             p, q = self.points[:, i[bonds]], self.points[:, j[bonds]]
-            out[bonds], touch = self._crossed(p, q)
-            touch = np.flatnonzero(touch & ~out[bonds])
+            out[bonds], touches = self._crossed(p, q)
+            touch = np.flatnonzero(touches & ~out[bonds])
             if len(touch):
                 bow = _BOW * np.minimum(self.size[i[bonds[touch]]], self.size[j[bonds[touch]]])
                 out[bonds[touch]] = self._enclosed(p[:, touch], q[:, touch], bow)
@@ -189,7 +189,8 @@ def _inset(mesh: Mesh, normal: Floats) -> Floats:
         for axis in range(mesh.dim()):
             lean[axis] += np.bincount(vertex, normal[axis], mesh.nvertices)
     length = np.linalg.norm(lean, axis=0)
-    return lean / np.where(length > 1e-6 * count, length, np.inf)
+    out: Floats = lean / np.where(length > 1e-6 * count, length, np.inf)
+    return out
 
 
 def _extreme(p: Floats) -> Longs:

@@ -82,13 +82,12 @@ class Potential:
         first = falling[0]
         if first == 0 or bend[first] == 0.0:
             return float(grid[first])
-        return float(
-            optimize.brentq(lambda T: float(self.hessian(np.array([T]))[0]), grid[first - 1], grid[first])
-        )
+        return float(optimize.brentq(lambda T: float(self.hessian(np.array([T]))[0]), grid[first - 1], grid[first]))
 
     def critical_strain(self, r: Floats | float) -> Floats:
         """Return ``S_c = rbar / sqrt(r)`` of bonds of length r; beyond it a bond softens (paper, 2.1)."""
-        return self.inflection / np.sqrt(np.asarray(r, dtype=float))
+        S_c: Floats = self.inflection / np.sqrt(np.asarray(r, dtype=float))
+        return S_c
 
     @cached_property
     def suprema(self) -> tuple[float, float, float, float]:
@@ -177,7 +176,8 @@ class Rational(Potential):
 
     @cached_property
     def suprema(self) -> tuple[float, float, float, float]:
-        # With x = cot(t) the n-th derivative of 1/(1 + x^2) is n! sin((n+1) t) sin(t)^(n+1), extremal at sin((n+2) t) = 0.
+        # With x = cot(t) the n-th derivative of 1/(1 + x^2) is n! sin((n+1) t) sin(t)^(n+1), extremal where
+        # sin((n+2) t) = 0.
         def largest(n: int) -> float:
             t = np.pi * np.arange(1, n + 2) / (n + 2)
             return float(factorial(n) * np.abs(np.sin((n + 1) * t) * np.sin(t) ** (n + 1)).max())
@@ -259,8 +259,10 @@ def own_potential(law: Any) -> Potential:
     step = 1e-5 * q
     difference = (wrapped.f(q + step) - wrapped.f(q - step)) / (2 * step)
     if not np.allclose(difference, wrapped.df(q), rtol=1e-5, atol=1e-7 * slope):
-        raise ValueError(f"potential {law!r}: df is not the derivative of f (at q = {q[0]:g}: {wrapped.df(q)[0]:g}, "
-                         f"difference quotient {difference[0]:g})")
+        raise ValueError(
+            f"potential {law!r}: df is not the derivative of f (at q = {q[0]:g}: {wrapped.df(q)[0]:g}, "
+            f"difference quotient {difference[0]:g})"
+        )
     return wrapped
 
 

@@ -59,7 +59,7 @@ def traction(basis: Basis, facets: Any, field: Field) -> Floats:
     k = corners.shape[0]
     weighted = area / (k * (k + 1)) * (t + t.sum(axis=1, keepdims=True))
     out = [np.bincount(corners.ravel(), component.ravel(), mesh.nvertices) for component in weighted]
-    return np.stack(out, axis=1).ravel()
+    return np.stack(out, axis=1).astype(float, copy=False).ravel()
 
 
 def layer_share(basis: Basis, facets: Any, width: float) -> Floats:
@@ -77,7 +77,8 @@ def layer_share(basis: Basis, facets: Any, width: float) -> Floats:
     inside = np.clip((width + 0.5 * h - np.minimum(depth, 2.0 * width + h)) / h, 0.0, 1.0)
     share = vertex_volumes(mesh) * inside
     _, area = outward_normals(mesh, facets)
-    return share * (area.sum() / share.sum())
+    share *= area.sum() / share.sum()
+    return share
 
 
 def layer_traction(basis: Basis, facets: Any, field: Field, width: float) -> Floats:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sparse
@@ -14,115 +11,14 @@ import scipy.sparse as sparse
 from .._types import Floats, Load
 from .cfl import StepLimit, diagonal_mass
 from .constraints import Prescribed, check_fixed
-
-# The alarms, measured in tests/test_central_difference.py: of the peak energy, what the balance of a run may be off
-# beyond the ripple of its fast modes (a linear run: round-off; stable fracture: below 0.05 even with rough data), and
-# how many times the energy put in may be found (at 0.995 of the limit a ripple can reach 100 times).
-BROKEN_BALANCE = 0.1
-ENERGY_FROM_NOWHERE = 100.0
-_EARLY = (10, 30)  # a step far beyond the limit shows itself at once
-
-
-class UnstableRun(RuntimeError):
-    """The energy balance broke: the step is too large, or the load is not what was meant."""
+from .state import State
+from .watch import Watch
 
 
 class Body(Protocol):
     """What a scheme needs of a body; ``energy`` is asked for only when energies are read."""
 
     def force(self, u: Floats) -> Floats: ...
-
-
-@dataclass(frozen=True)
-class Energies:
-    """Energies at one time. ``work`` is that of loads and prescribed motions since the start, ``initial`` the total then."""
-
-    kinetic: float
-    elastic: float
-    work: float
-    initial: float
-
-    @property
-    def total(self) -> float:
-        return self.kinetic + self.elastic
-
-    @property
-    def imbalance(self) -> float:
-        """``kinetic + elastic - work - initial``, 0 for the exact motion."""
-        return self.kinetic + self.elastic - self.work - self.initial
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """The motion at one time: read-only views, valid until the next step; :meth:`copy` keeps them.
-
-    ``v`` is the velocity at the full step, second order in dt: ``(u^{k+1} - u^{k-1}) / (2 dt)``; ``a`` the
-    acceleration, so that ``v + dt a / 2`` is the paper's next difference quotient.
-    """
-
-    t: float
-    step: int
-    dt: float
-    u: Floats
-    v: Floats
-    a: Floats
-    work: float
-    initial: float
-    initial_ripple: float = 0.0
-    _body: Any = field(repr=False, default=None)
-    _mass: Any = field(repr=False, default=None)
-
-    @property
-    def kinetic(self) -> float:
-        """``v.M v / 2``"""
-        return 0.5 * float(self._mass @ (self.v * self.v))
-
-    @property
-    def ripple(self) -> float:
-        """``dt^2/8 a.M a``: by this the energy of a linear run swings about a constant, without being wrong."""
-        return 0.125 * self.dt**2 * float(self._mass @ (self.a * self.a))
-
-    @cached_property
-    def energies(self) -> Energies:
-        """Kinetic and elastic energy and external work, computed when first read."""
-        return Energies(self.kinetic, float(self._body.energy(self.u)), self.work, self.initial)
-
-    def copy(self) -> State:
-        """Return a state that later steps leave alone."""
-        return dataclasses.replace(self, u=self.u.copy(), v=self.v.copy(), a=self.a.copy())
-
-
-@dataclass
-class _Watch:
-    """Look at the energy balance now and then, and stop the run when it is broken."""
-
-    every: int
-    limit: StepLimit | None
-    peak: float = 0.0
-
-    def look(self, state: State) -> None:
-        what = self._complaint(state)
-        if what is not None:
-            known = ""
-            if self.limit is not None:
-                known = f", which is {state.dt / self.limit.dt:.4g} times the stable limit {self.limit.dt:.6g}"
-            raise UnstableRun(
-                f"the run became unstable by step {state.step} (t = {state.t:.6g}): {what}; "
-                f"dt = {state.dt:.6g}{known}. Take a smaller dt"
-            )
-
-    def _complaint(self, state: State) -> str | None:
-        if not hasattr(state._body, "energy"):
-            return None if np.isfinite(state.v).all() else "the velocities are no longer finite"
-        with np.errstate(over="ignore", invalid="ignore"):
-            energies, ripple = state.energies, state.ripple - state.initial_ripple
-        supplied = abs(energies.initial) + abs(energies.work)
-        self.peak = max(self.peak, supplied, energies.total)
-        if not energies.total <= ENERGY_FROM_NOWHERE * supplied:
-            return f"its energy is {energies.total:.3g}, and {supplied:.3g} was put in"
-        if not abs(energies.imbalance - ripple) <= BROKEN_BALANCE * self.peak:
-            return f"the energy balance is off by {abs(energies.imbalance):.3g}, the peak energy is {self.peak:.3g}"
-        return None
 
 
 def central_difference(
@@ -161,7 +57,19 @@ def central_difference(
     if not np.isfinite(until):
         raise ValueError(f"until = {until} must be a time")
     check_fixed(fixed, size)
-    return _steps(body, m, _initial(u0, size, "u0"), _initial(v0, size, "v0"), dt, until, load, fixed, limit, watch, start)
+    return _steps(
+        body,
+        m,
+        _initial(u0, size, "u0"),
+        _initial(v0, size, "v0"),
+        dt,
+        until,
+        load,
+        fixed,
+        limit,
+        watch,
+        start,
+    )
 
 
 def _initial(x: Floats | None, size: int, name: str) -> Floats:
@@ -228,13 +136,13 @@ def _steps(
     if initial is None:
         initial = 0.5 * float(m @ (v * v)) + (float(body.energy(u)) if hasattr(body, "energy") else 0.0)
         ripple = 0.125 * dt**2 * float(m @ (a * a))
-    guard = _Watch(watch, limit, abs(initial))
+    guard = Watch(watch, limit, abs(initial))
 
     def state() -> State:
         views = [x.view() for x in (u, v, a)]
         for x in views:
             x.flags.writeable = False
-        return State(at(step), step, dt, *views, work, initial, ripple, body, m)
+        return State(at(step), step, dt, views[0], views[1], views[2], work, initial, ripple, body, m)
 
     if start is None:
         now = state()
@@ -257,6 +165,6 @@ def _steps(
                 work += 0.5 * float((pulled + resist) @ du)
             v += 0.5 * dt * a
         now = state()
-        if watch and (step % watch == 0 or step in _EARLY or at(step) >= end):
+        if guard.due(step, last=at(step) >= end):
             guard.look(now)
         yield now

@@ -22,7 +22,7 @@ _MISSED = 5e-3
 
 @dataclass(frozen=True)
 class StepLimit:
-    """Bounds and estimates of ``lam = sup a_l(u, u) / (rho (u, u))``, each in 1 / time^2; the step is ``2 / sqrt(lam)``.
+    """Bounds and estimates of ``lam = sup a_l(u, u) / (rho (u, u))``, each in 1 / time^2; a step is ``2 / sqrt(lam)``.
 
     ``eigenvalue`` and ``residual``: Ritz value and its residual (nan when Lanczos did not converge).
     ``nodal_bound``: guaranteed for these bonds. ``row_sum``: what other codes use. ``closed_form``: a bound for the
@@ -54,20 +54,20 @@ class StepLimit:
 
 def diagonal_mass(M: sparse.spmatrix | Floats) -> Floats:
     """Return the diagonal of a lumped mass matrix. Raises ``ValueError`` unless it is diagonal and positive."""
-    if sparse.issparse(M):
+    if not isinstance(M, np.ndarray):
         off = M.nnz - np.count_nonzero(M.diagonal())
         if off and sparse.coo_matrix(M - sparse.diags(M.diagonal())).count_nonzero():
             raise ValueError(f'M has {off} entries off its diagonal; this scheme needs mass_matrix(kind="lumped")')
-        m = M.diagonal()
+        m: Floats = M.diagonal()
     else:
-        m = np.asarray(M, dtype=float)
+        m = M.astype(float, copy=False)
     if m.ndim != 1 or not np.isfinite(m).all() or not (m > 0.0).all():
         raise ValueError("M must have a positive, finite diagonal")
     return m
 
 
 def closed_form(body: Peridynamics, density: float) -> float:
-    """Return ``8 f'(0) Jbar_1 / (rho d horizon^2)``: d times sharper than the paper's ``L1 / horizon^2``; infinite in 1D.
+    """Return ``8 f'(0) Jbar_1 / (rho d horizon^2)``: d times sharper than the paper's; infinite in 1D.
 
     It bounds the exact integrals of any mesh, whatever h.
     """

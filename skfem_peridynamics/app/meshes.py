@@ -1,0 +1,90 @@
+"""Meshes of scenes: boxes with named sides, and whatever meshio reads."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from .._types import Mesh
+from ..geometry.simplices import check_simplices
+from .reading import SceneError
+from .scene import MeshTable
+
+
+@contextlib.contextmanager
+def blame(path: str) -> Iterator[None]:
+    """Turn a ValueError of the library into a SceneError that starts with the path of the key."""
+    try:
+        yield
+    except ValueError as error:
+        raise SceneError(f"{path}: {error}") from None
+
+
+def read_mesh(path: Path) -> Mesh:
+    """Return the simplicial mesh in a file that meshio reads; physical groups become boundaries and subdomains."""
+    import skfem
+
+    if not path.is_file():
+        raise SceneError(f"mesh.file = {str(path)!r} is not a file")
+    said = io.StringIO()  # meshio prints its reasons
+    try:
+        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+            mesh = skfem.Mesh.load(str(path), ignore_orientation=True)
+    except (SystemExit, Exception) as error:  # whatever a reader of a foreign format may raise
+        reason = " ".join((said.getvalue() or str(error)).split())
+        raise SceneError(f"mesh.file = {str(path)!r} cannot be read as a mesh: {reason}") from None
+    with blame(f"mesh.file = {str(path)!r}"):
+        check_simplices(mesh)
+    return mesh
+
+
+def make_mesh(spec: MeshTable, folder: Path) -> Mesh:
+    """Return the mesh of a ``[mesh]`` table; a box has the boundaries left, right, bottom, top, front, back."""
+    if spec.file is not None:
+        mesh = read_mesh(folder / spec.file)
+        return mesh if mesh.boundaries else _with_sides(mesh)
+    assert spec.box is not None
+    assert spec.divisions is not None
+    import skfem
+
+    nodes = np.prod([n + 1.0 for n in spec.divisions])
+    if nodes * 400.0 > free_memory():
+        raise SceneError(f"mesh.divisions = {list(spec.divisions)} makes {nodes:.3g} vertices, more than memory holds")
+    grid = [np.linspace(low, high, n + 1) for (low, high), n in zip(spec.box, spec.divisions, strict=True)]
+    kind = (skfem.MeshLine, skfem.MeshTri, skfem.MeshTet)[len(grid) - 1]
+    return _with_sides(kind(grid[0]) if len(grid) == 1 else kind.init_tensor(*grid))
+
+
+def _with_sides(mesh: Mesh) -> Mesh:
+    """Name the facets on the sides of the bounding box."""
+    names = (("left", "right"), ("bottom", "top"), ("front", "back"))
+    facets = mesh.boundary_facets()
+    middle = mesh.p[:, mesh.facets[:, facets]]
+    sides = {}
+    for axis, pair in enumerate(names[: mesh.dim()]):
+        low, high = mesh.p[axis].min(), mesh.p[axis].max()
+        for name, at in zip(pair, (low, high), strict=True):
+            on = facets[(np.abs(middle[axis] - at) <= 1e-9 * (high - low)).all(axis=0)]
+            if len(on):
+                sides[name] = on
+    return mesh.with_boundaries(sides)
+
+
+def free_memory() -> float:
+    """Return the bytes of memory that are free now, or infinity where the system does not tell."""
+    try:
+        with open("/proc/meminfo") as table:
+            for line in table:
+                if line.startswith("MemAvailable"):
+                    return 1024.0 * float(line.split()[1])
+    except OSError:
+        pass
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (ValueError, OSError, AttributeError):
+        return float("inf")

@@ -1,0 +1,58 @@
+"""Tell a run that has become unstable from one that merely ripples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .cfl import StepLimit
+from .state import State
+
+# The alarms, measured in tests/test_central_difference.py: of the peak energy, what the balance of a run may be off
+# beyond the ripple of its fast modes (a linear run: round-off; stable fracture: below 0.05 even with rough data), and
+# how many times the energy put in may be found (at 0.995 of the limit a ripple can reach 100 times).
+BROKEN_BALANCE = 0.1
+ENERGY_FROM_NOWHERE = 100.0
+_EARLY = (10, 30)  # a step far beyond the limit shows itself at once
+
+
+class UnstableRun(RuntimeError):
+    """The energy balance broke: the step is too large, or the load is not what was meant."""
+
+
+@dataclass
+class Watch:
+    """Look at the energy balance now and then, and stop the run when it is broken."""
+
+    every: int
+    limit: StepLimit | None
+    peak: float = 0.0
+
+    def look(self, state: State) -> None:
+        what = self._complaint(state)
+        if what is not None:
+            known = ""
+            if self.limit is not None:
+                known = f", which is {state.dt / self.limit.dt:.4g} times the stable limit {self.limit.dt:.6g}"
+            raise UnstableRun(
+                f"the run became unstable by step {state.step} (t = {state.t:.6g}): {what}; "
+                f"dt = {state.dt:.6g}{known}. Take a smaller dt"
+            )
+
+    def _complaint(self, state: State) -> str | None:
+        if not hasattr(state._body, "energy"):
+            return None if np.isfinite(state.v).all() else "the velocities are no longer finite"
+        with np.errstate(over="ignore", invalid="ignore"):
+            energies, ripple = state.energies, state.ripple - state.initial_ripple
+        supplied = abs(energies.initial) + abs(energies.work)
+        self.peak = max(self.peak, supplied, energies.total)
+        if not energies.total <= ENERGY_FROM_NOWHERE * supplied:
+            return f"its energy is {energies.total:.3g}, and {supplied:.3g} was put in"
+        if not abs(energies.imbalance - ripple) <= BROKEN_BALANCE * self.peak:
+            return f"the energy balance is off by {abs(energies.imbalance):.3g}, the peak energy is {self.peak:.3g}"
+        return None
+
+    def due(self, step: int, last: bool) -> bool:
+        """Return whether it is time to look."""
+        return self.every > 0 and (step % self.every == 0 or step in _EARLY or last)
