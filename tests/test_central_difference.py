@@ -2,8 +2,8 @@ from collections import deque
 
 import numpy as np
 import pytest
-from bodies import at_vertices, body_on, box, grid, vector_basis
 
+from bodies import at_vertices, body_on, box, grid, vector_basis
 from skfem_peridynamics import (
     Exponential,
     Linear,

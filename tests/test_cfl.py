@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 import scipy.linalg
-from bodies import body_on, box, grid
 
+from bodies import body_on, box, grid
 from skfem_peridynamics import Exponential, Linear, mass_matrix, stable_time_step
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-from bodies import at_vertices, body_on, box, grid
 
+from bodies import at_vertices, body_on, box, grid
 from skfem_peridynamics import Exponential, Linear, census, damage
 
 

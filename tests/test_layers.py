@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-from bodies import box, grid, vector_basis
 
+from bodies import box, grid, vector_basis
 from skfem_peridynamics import Crack, boundary_function, collar, region, slit
 from skfem_peridynamics.geometry.layers import distance_to_facets
 from skfem_peridynamics.geometry.simplices import outward_normals, vertex_sizes, vertex_volumes

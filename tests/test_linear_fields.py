@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from bodies import at_vertices, body_on, box, grid, vector_basis
 
+from bodies import at_vertices, body_on, box, grid, vector_basis
 from skfem_peridynamics import BondBasis, Material, Peridynamics
 from skfem_peridynamics.model.mass import mass_matrix
 

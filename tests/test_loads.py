@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from bodies import box, grid, vector_basis
 from skfem import Basis, BoundaryFacetBasis, ElementTriP1, ElementVector, LinearForm
 
+from bodies import box, grid, vector_basis
 from skfem_peridynamics import body_force, interpolate, layer_traction, project, traction
 from skfem_peridynamics.model.loads import layer_share
 

@@ -2,10 +2,10 @@ import itertools
 
 import numpy as np
 import pytest
-from bodies import at_vertices, body_on, box, grid
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bodies import at_vertices, body_on, box, grid
 from skfem_peridynamics import Crack, Exponential, Linear, PairRule, Rational, own_potential, slit
 from skfem_peridynamics.geometry.simplices import vertex_sizes, vertex_volumes
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 import skfem
-from bodies import body_on, box, grid, vector_basis
 
+from bodies import body_on, box, grid, vector_basis
 from skfem_peridynamics import BondBasis, PairRule
 from skfem_peridynamics.bonds.neighbours import pairs_within, sweep_order
 from skfem_peridynamics.geometry.simplices import check_simplices

@@ -9,11 +9,11 @@ import meshio
 import numpy as np
 import pytest
 import skfem
-from bodies import vector_basis
-from test_scene import GOOD, change
 
+from bodies import vector_basis
 from skfem_peridynamics import Frames, Scene, run
 from skfem_peridynamics.app.cli import main
+from test_scene import GOOD, change
 
 KEYS = [
     "nodes",

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 import skfem
-from bodies import at_vertices, body_on, grid
 from scipy.sparse.csgraph import connected_components
 
+from bodies import at_vertices, body_on, grid
 from skfem_peridynamics import Crack, slit
 
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from bodies import at_vertices, grid, vector_basis
 
+from bodies import at_vertices, grid, vector_basis
 from skfem_peridynamics import BondBasis, Material, Peridynamics
 
 

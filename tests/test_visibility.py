@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 import skfem
-from bodies import body_on, box, grid
 
+from bodies import body_on, box, grid
 from skfem_peridynamics import Crack, slit
 from skfem_peridynamics.geometry.visibility import sight
 
