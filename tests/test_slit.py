@@ -111,6 +111,13 @@ def test_cracks_that_do_not_fit_the_mesh(points, message):
         slit(grid((1, 4), (1, 4)), Crack(points))
 
 
+def test_slitting_again_keeps_the_first_slit():
+    mesh = grid((1, 8), (1, 8))
+    one, two = Crack([[0.0, 0.25], [0.5, 0.25]]), Crack([[0.0, 0.75], [0.5, 0.75]])
+    again, at_once = slit(slit(mesh, one), two), slit(mesh, one, two)
+    assert len(again.boundaries["slit"]) == len(at_once.boundaries["slit"]) == 16
+
+
 def test_nothing_to_slit():
     mesh = grid((1, 4), (1, 4)).with_defaults()
     with pytest.raises(ValueError, match="lie on the boundary already"):

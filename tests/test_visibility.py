@@ -133,3 +133,51 @@ def test_pieces_of_a_line_do_not_see_each_other():
     # the coincident copies have no direction and are no bond; everything else is hidden exactly across the cut
     apart = mesh.p[0, i] != mesh.p[0, j]
     assert np.array_equal(blocked[apart], (left[i] != left[j])[apart])
+
+
+@pytest.mark.parametrize("slant", [0.0, -0.5, -0.7, -1.0, -2.0, 1.5])
+def test_a_slanted_cut_through_a_block_glues_nothing_and_hides_nothing_else(slant):
+    """Sharp wedges at the rim of the cut: averages of normals would point out of the body there."""
+    whole = grid((1, 4), (1, 4), (1, 4))
+    cut = np.flatnonzero((np.abs(whole.p[0][whole.facets] - 0.5) < 1e-9).all(axis=0))
+    shear = np.array([[1.0, 0.0, slant], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    mesh = slit(skfem.MeshTet(shear @ whole.p, whole.t), facets=cut)
+    right = np.zeros(mesh.nvertices, dtype=bool)
+    right[mesh.t[:, (mesh.p[0] - slant * mesh.p[2])[mesh.t].mean(axis=0) > 0.5]] = True
+    i, j = all_pairs(mesh.nvertices)
+    gap = np.linalg.norm(mesh.p[:, i] - mesh.p[:, j], axis=0)
+    keep = (gap > 0.0) & (gap < 0.75)
+    i, j = i[keep], j[keep]
+    blocked = sight(mesh, 0.75).blocked(i, j)
+    assert np.array_equal(blocked, right[i] != right[j])
+
+
+def test_a_block_of_separate_tetrahedra():
+    """Every interior facet cut: an element sees all of itself and nothing else."""
+    whole = grid((1, 2), (1, 2), (1, 2))
+    mesh = slit(whole, facets=np.setdiff1d(np.arange(whole.facets.shape[1]), whole.boundary_facets()))
+    assert mesh.nvertices == 4 * mesh.nelements
+    owner = np.empty(mesh.nvertices, dtype=int)
+    owner[mesh.t] = np.arange(mesh.nelements)
+    i, j = all_pairs(mesh.nvertices)
+    apart = np.linalg.norm(mesh.p[:, i] - mesh.p[:, j], axis=0) > 0
+    i, j = i[apart], j[apart]
+    assert np.array_equal(sight(mesh, 2.0).blocked(i, j), owner[i] != owner[j])
+
+
+def test_where_two_holes_touch_the_vertex_sees_its_elements():
+    mesh = box(2, 8)
+    x, y = mesh.p[:, mesh.t].mean(axis=1)
+    holes = ((x > 0.5) & (x < 0.75) & (y > 0.5) & (y < 0.75) & (x > y)) | ((x < 0.5) & (x > 0.25) & (y < 0.5) & (y > 0.25))
+    mesh = mesh.remove_elements(np.flatnonzero(holes))
+    pinch = index(mesh, 0.5, 0.5)
+    around = np.setdiff1d(np.unique(mesh.t[:, (mesh.t == pinch).any(axis=0)]), pinch)
+    assert not sight(mesh, 0.3).blocked(np.full(len(around), pinch[0]), around).any()
+    far = index(mesh, 0.25, 0.25)  # across the lower hole
+    assert sight(mesh, 0.6).blocked(pinch, far)[0]
+
+
+def test_a_body_too_flat_for_a_convex_hull():
+    mesh = grid((1, 8), (1, 8))
+    flat = skfem.MeshTri(mesh.p * np.array([[1.0], [1e-13]]), mesh.t)
+    assert sight(flat, 0.2).blocked(np.array([0]), np.array([1])).tolist() == [False]

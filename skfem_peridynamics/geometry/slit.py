@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sparse
-from scipy.sparse.csgraph import connected_components
 
 from .._types import Bools, Floats, Ints, Longs, Mesh
+from .fans import fans
 from .layers import named_facets
 from .simplices import check_simplices, describe_point, distance_to_simplices
 
@@ -152,7 +151,8 @@ def slit(mesh: Mesh, *cracks: Crack, facets: Any = None, name: str = "slit") -> 
     old, new = _label(mesh.facets, mesh.nvertices), _label(origin[opened.facets], mesh.nvertices)
     named = dict(mesh.boundaries or {})
     boundaries = {key: np.flatnonzero(np.isin(new, old[value])).astype(np.int32) for key, value in named.items()}
-    boundaries[name] = np.flatnonzero(np.isin(new, old[cut])).astype(np.int32)
+    faces = np.flatnonzero(np.isin(new, old[cut])).astype(np.int32)
+    boundaries[name] = np.union1d(boundaries.get(name, faces), faces)  # slitting again adds to the first slit
     return dataclasses.replace(opened, _boundaries=boundaries)
 
 
@@ -171,31 +171,13 @@ def _split(mesh: Mesh, cut: Longs) -> tuple[Ints, Longs]:
     """
     on_crack = np.zeros(mesh.nvertices, dtype=bool)
     on_crack[mesh.facets[:, cut]] = True
-    corners, ncorner = mesh.t.shape[0], mesh.t.size
-    # corner (k, e) of an element is node k * nelements + e of a graph
-    inner = np.flatnonzero(mesh.f2t[1] >= 0)
-    inner = inner[~np.isin(inner, cut)]
-    rows, cols = [], []
-    for vertex in mesh.facets[:, inner]:
-        pick = on_crack[vertex]
-        sides = []
-        for element in mesh.f2t[:, inner[pick]]:
-            local = (mesh.t[:, element] == vertex[pick]).argmax(axis=0)
-            sides.append(local * mesh.nelements + element)
-        rows.append(sides[0])
-        cols.append(sides[1])
-    row, col = np.concatenate(rows), np.concatenate(cols)
-    graph = sparse.coo_matrix((np.ones(len(row), dtype=np.int8), (row, col)), shape=(ncorner, ncorner))
-    _, component = connected_components(graph, directed=False)
-    vertex = mesh.t.reshape(-1).astype(np.int64)
-    new = vertex.copy()
-    mine = np.flatnonzero(on_crack[vertex])
-    # the copies of a vertex: its distinct components; the first keeps the number
-    pairs, place = np.unique(np.stack([vertex[mine], component[mine]]), axis=1, return_inverse=True)
-    first = np.ones(pairs.shape[1], dtype=bool)
-    first[1:] = pairs[0, 1:] != pairs[0, :-1]
-    number = pairs[0].copy()
+    corners, fan, vertex = fans(mesh, on_crack, cut)
+    # the first fan of a vertex keeps its number, the others get copies
+    first = np.ones(len(vertex), dtype=bool)
+    first[1:] = vertex[1:] != vertex[:-1]
+    number = vertex.copy()
     number[~first] = mesh.nvertices + np.arange((~first).sum())
-    new[mine] = number[place.ravel()]
-    origin = np.concatenate([np.arange(mesh.nvertices), pairs[0, ~first]])
-    return new.reshape(corners, -1).astype(mesh.t.dtype), origin
+    new = mesh.t.reshape(-1).astype(np.int64)
+    new[corners] = number[fan]
+    origin = np.concatenate([np.arange(mesh.nvertices), vertex[~first]])
+    return new.reshape(mesh.t.shape).astype(mesh.t.dtype), origin

@@ -3,12 +3,13 @@
 A bond is blocked when its segment crosses a boundary facet. Three details make that exact on meshes whose lattice
 lines meet cracks:
 
-* the two copies of a slit vertex coincide, so every boundary vertex is first moved by 1e-6 of its size against its
-  outward normals, into its own side; at a crack tip the normals cancel and the tip stays where it is;
+* the two copies of a slit vertex coincide, so every boundary vertex is first moved by 1e-6 of its size into its own
+  side, a direction inward of all its facets; at a crack tip there is none and the tip stays where it is;
 * a bond that only touches the rim of a facet (a crack tip, a notch corner, an edge two facets share) is tried again
   along paths bowed a little to each side, and is blocked when every one of them leaves the body: it sees past a tip,
   and does not slip through the seam of two facets or around the mouth of a crack;
-* only facets with a vertex of the body on their outer side can block anything: a convex body has none.
+* only facets with a vertex of the body on their outer side can block anything: a convex body has none. And nothing
+  blocks the edge of an element.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from .._types import Bools, Floats, Longs, Mesh
+from .fans import fans
 from .simplices import outward_normals, vertex_sizes
 
 _INSET = 1e-6  # of the vertex size
@@ -27,6 +29,7 @@ _BOW = 1e-3  # of the vertex size, more than the seam
 _PART = 0.3819660112501051  # where a path bends: irrational, so that lattice planes do not hold the bend
 _EDGE = 1e-9  # barycentric, round-off of a closed facet
 _FLUSH = 1e-13  # of the body: closer to a plane than this is on it, far less than an inset
+_GILBERT = 60  # rounds: wedges of 5 degrees need about 20
 _BONDS = 4096  # looked at together: bounds the bond-facet pairs held in memory
 
 
@@ -80,7 +83,8 @@ class Sight:
     """Decide visibility on one mesh; build it with :func:`sight`.
 
     ``points`` are the inset vertices (dim, n) and ``size`` their sizes; ``blocking`` the facets that can block,
-    ``boundary`` all facets near those; ``near`` marks the vertices that have a blocking facet within reach.
+    ``boundary`` all facets near those; ``near`` marks the vertices that have a blocking facet within reach; ``edges``
+    are the mesh edges there, as sorted numbers ``low * nvertices + high``.
     """
 
     points: Floats
@@ -88,11 +92,16 @@ class Sight:
     blocking: Facets
     boundary: Facets
     near: Bools
+    edges: Longs
 
     def blocked(self, i: Longs, j: Longs) -> Bools:
         """Return for each bond (i, j) whether a facet stands between its ends, shape (nbonds,)."""
         out = np.zeros(len(i), dtype=bool)
         suspect = np.flatnonzero(self.near[i] & self.near[j])
+        if not len(suspect):
+            return out
+        a, b = i[suspect], j[suspect]
+        suspect = suspect[~np.isin(np.minimum(a, b) * len(self.near) + np.maximum(a, b), self.edges)]
         for start in range(0, len(suspect), _BONDS):
             bonds = suspect[start : start + _BONDS]
             p, q = self.points[:, i[bonds]], self.points[:, j[bonds]]
@@ -158,7 +167,7 @@ def sight(mesh: Mesh, reach: float) -> Sight:
     corners = mesh.p[:, mesh.facets[:, facets]]
     size = vertex_sizes(mesh)
     # a facet can block only when the body reaches beyond its plane
-    hull = mesh.p[:, _extreme(mesh.p)]
+    hull = _extreme(mesh.p)
     extent = float(np.ptp(hull, axis=1).max())
     height = np.einsum("df,df->f", normal, corners[:, 0])
     blocking = np.zeros(len(facets), dtype=bool)
@@ -177,24 +186,68 @@ def sight(mesh: Mesh, reach: float) -> Sight:
         near = np.isfinite(tree.query(mesh.p.T, distance_upper_bound=(reach + block.radius) * (1.0 + 1e-9))[0])
         around[first] = near[mesh.facets[:, facets[first]]].any(axis=0)
     boundary = Facets.of(corners[:, :, around], normal[:, around], extent)
-    inset = _inset(mesh, normal) if len(standing) else 0.0
-    return Sight(mesh.p - _INSET * size * inset, size, block, boundary, near)
+    if not len(standing):
+        return Sight(mesh.p, size, block, boundary, near, np.empty(0, dtype=np.int64))
+    inward = _inward(mesh, facets, normal)
+    return Sight(mesh.p + _INSET * size * inward, size, block, boundary, near, _edges(mesh, near))
 
 
-def _inset(mesh: Mesh, normal: Floats) -> Floats:
-    """Unit vectors out of the body at boundary vertices, 0 elsewhere and where normals cancel, (dim, nvertices)."""
-    lean, count = np.zeros_like(mesh.p), np.zeros(mesh.nvertices)
-    for vertex in mesh.facets[:, mesh.boundary_facets()]:
-        count += np.bincount(vertex, minlength=mesh.nvertices)
-        for axis in range(mesh.dim()):
-            lean[axis] += np.bincount(vertex, normal[axis], mesh.nvertices)
-    length = np.linalg.norm(lean, axis=0)
-    out: Floats = lean / np.where(length > 1e-6 * count, length, np.inf)
-    return out
+def _edges(mesh: Mesh, near: Bools) -> Longs:
+    """The edges of elements between ``near`` vertices, as sorted numbers."""
+    t = np.sort(mesh.t[:, near[mesh.t].any(axis=0)].astype(np.int64), axis=0)
+    low, high = np.triu_indices(len(t), 1)
+    edges: Longs = np.unique(t[low] * mesh.nvertices + t[high])
+    return edges
 
 
-def _extreme(p: Floats) -> Longs:
-    """Vertices that span the convex hull."""
-    if p.shape[0] == 1:
-        return np.array([p[0].argmin(), p[0].argmax()])
-    return np.asarray(ConvexHull(p.T).vertices, dtype=np.int64)
+def _inward(mesh: Mesh, facets: Longs, normal: Floats) -> Floats:
+    """Unit vectors (dim, nvertices) inward of all facets at a boundary vertex; 0 inside and where there is none.
+
+    Minus the point of the convex hull of the outward normals that is closest to the origin is such a direction
+    whenever one exists; Gilbert's algorithm finds it, for all vertices together. Where several fans of elements
+    meet in one vertex it is left alone.
+    """
+    vertex = mesh.facets[:, facets].ravel()
+    n = np.tile(normal, mesh.facets.shape[0])
+    on_boundary = np.zeros(mesh.nvertices, dtype=bool)
+    on_boundary[vertex] = True
+    _, _, of_fan = fans(mesh, on_boundary, np.empty(0, dtype=np.int64))
+    single = np.bincount(of_fan, minlength=mesh.nvertices) == 1
+    n, vertex = n[:, single[vertex]], vertex[single[vertex]]
+    point = np.zeros_like(mesh.p)
+    order = np.argsort(vertex, kind="stable")
+    n, vertex = n[:, order], vertex[order]
+    present, first = np.unique(vertex, return_index=True)
+    point[:, present] = n[:, first]
+    for _ in range(_GILBERT):
+        height = (n * point[:, vertex]).sum(axis=0)
+        lowest = np.minimum.reduceat(height, first)
+        wanting = lowest < 0.5 * (point[:, present] ** 2).sum(axis=0)
+        if not wanting.any():
+            break
+        # the segment from the point to the lowest normal comes closer to the origin
+        place = first[wanting]
+        is_lowest = height == np.repeat(lowest, np.diff(np.append(first, len(vertex))))
+        hit = np.flatnonzero(is_lowest)
+        pick = hit[np.searchsorted(hit, place)]
+        here = present[wanting]
+        step = n[:, pick] - point[:, here]
+        part = -(point[:, here] * step).sum(axis=0) / np.maximum((step**2).sum(axis=0), np.finfo(float).tiny)
+        point[:, here] += np.clip(part, 0.0, 1.0) * step
+    length = np.linalg.norm(point, axis=0)
+    lowest = np.full(mesh.nvertices, np.inf)
+    lowest[present] = np.minimum.reduceat((n * point[:, vertex]).sum(axis=0), first)
+    found = (length > 1e-3) & (lowest > 1e-2 * length)
+    return np.where(found, -point / np.maximum(length, np.finfo(float).tiny), 0.0)
+
+
+def _extreme(p: Floats) -> Floats:
+    """Points (dim, n) whose convex hull is that of the body, or the corners of its box where it is too flat to tell."""
+    low, high = p.min(axis=1), p.max(axis=1)
+    if len(p) > 1:
+        try:
+            hull: Floats = p[:, ConvexHull(p.T).vertices]
+            return hull
+        except QhullError:
+            pass
+    return np.stack([np.where(corner, high, low) for corner in np.ndindex((2,) * len(p))], axis=1)
