@@ -303,3 +303,31 @@ def test_a_motion_that_is_not_finite_is_named_with_its_time():
     )
     with pytest.raises(ValueError, match="not finite at t = 0.5"), np.errstate(all="ignore"):
         last(run)
+
+
+def test_a_load_may_fill_the_same_array_each_time():
+    buffer = np.zeros(1)
+
+    def inplace(t):
+        buffer[0] = np.sin(3 * t)
+        return buffer
+
+    one, two = (
+        last(central_difference(Spring(), np.ones(1), dt=0.05, until=20.0, load=load))
+        for load in (inplace, lambda t: np.array([np.sin(3 * t)]))
+    )
+    assert one.work == two.work
+    assert one.u[0] == two.u[0]
+
+
+@pytest.mark.parametrize(
+    ("load", "message"),
+    [
+        (lambda t: np.zeros((2, 1)), r"load\(0\) has shape \(2, 1\); the mass matrix has 2"),
+        (lambda t: 1.0, r"load\(0\) has shape \(\)"),
+        (lambda t: np.array([0.0, np.nan if t > 0.45 else 0.0]), r"load\(0.5\) has 1 values that are not finite"),
+    ],
+)
+def test_loads_that_are_none(load, message):
+    with pytest.raises(ValueError, match=message):
+        last(central_difference(Spring(), np.ones(2), dt=0.1, until=1.0, load=load))

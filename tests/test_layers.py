@@ -81,3 +81,26 @@ def test_boundary_function_falls_from_one_to_zero():
     middle = np.isclose(depth, 0.125)
     assert not middle.any()  # h = 0.05: 0.1 and 0.15 frame the middle, symmetric about 1/2
     assert w[np.isclose(depth, 0.1)][0] + w[np.isclose(depth, 0.15)][0] == pytest.approx(1.0, abs=1e-12)
+
+
+def test_wide_collars_cost_little_more_than_narrow_ones():
+    """Pairs of vertices and facets that are formed, not seconds: a few hundred per vertex at the far end."""
+    import scipy.spatial
+
+    from skfem_peridynamics.geometry import layers
+
+    formed = []
+
+    class Counting(scipy.spatial.cKDTree):
+        def sparse_distance_matrix(self, *args, **keys):
+            pairs = super().sparse_distance_matrix(*args, **keys)
+            formed.append(len(pairs))
+            return pairs
+
+    mesh = grid((1, 16), (1, 16), (1, 16)).with_defaults()
+    original, layers.cKDTree = layers.cKDTree, Counting
+    try:
+        assert len(collar(mesh, "left", 0.5)) == 9 * 17 * 17
+    finally:
+        layers.cKDTree = original
+    assert sum(formed) < 150 * mesh.nvertices  # all facets of the side would be 512 for each

@@ -101,6 +101,11 @@ def test_lonely_vertices_are_named():
         body_on(grid((1, 4)), 0.05).energy(np.zeros(5))
 
 
+def test_a_mesh_that_falls_into_strings_is_refused():
+    with pytest.raises(ValueError, match=r"leaves the bonds in 6 separate pieces, the mesh has 1: in some direction"):
+        body_on(grid((1, 5), (1, 100)), 0.03).energy(np.zeros(2 * 606))
+
+
 @pytest.mark.parametrize("horizon", [0.0, -1.0, np.nan, np.inf])
 def test_a_horizon_is_a_positive_length(horizon):
     with pytest.raises(ValueError, match=f"horizon = {horizon} must be a positive length"):

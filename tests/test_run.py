@@ -137,6 +137,16 @@ def test_a_second_run_replaces_the_first(tmp_path):
     run(Scene.parse(change("frames = 2", "frames = 4")), tmp_path)
     run(Scene.parse(GOOD), tmp_path)
     assert len(list(tmp_path.glob("frame_*.vtu"))) == 2
+    (tmp_path / "mine.txt").write_text("stays")
+    run(Scene.parse(change("frames = 2", "frames = 0")), tmp_path)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["history.csv", "mine.txt", "summary.json"]
+
+
+def test_titles_are_text_not_formulas(tmp_path):
+    content = change("pictures = false", "pictures = true").replace(
+        'title = "small"', 'title = "cost $\\\\frac$ \u88c2"'
+    )
+    assert run(Scene.parse(content), tmp_path)["status"] == "finished"
 
 
 def test_cfl_of_a_scene_and_of_a_mesh_file(tmp_path, capsys):

@@ -171,6 +171,16 @@ BAD = {
         change("horizon = 0.13", 'horizon = 0.13, boundary_function = "rough"'),
         "must be one of smooth",
     ),
+    "an integer of 400 digits": (change("density = 1.0", "density = 1" + "0" * 400), "material.density = 1000000"),
+    "deep": ("a = " + "[" * 3000 + "]" * 3000, "nested too deeply"),
+    "horizon of another world": (change("0.13}\ncrack", "1e200}\ncrack"), "bonds.horizon = 1e+200 must be a finite"),
+    "endless": (change("until = 0.5", "until = 1e50, step = 1e-10"), "that would never end"),
+    "a box that numbers cannot tell": (change("[0, 0.5]]", "[1e18, 1.0000000001e18]]"), "low < high, and not so close"),
+    "initial data of t": (change("1e-3*y", "t"), "initial: velocity = 't' must not depend on t"),
+    "crack on the boundary": (
+        change("crack = [{points = [[0.0, 0.25], [0.5, 0.25]]}]", 'crack = [{facets = "left"}]'),
+        "skfem-peridynamics: crack: facets = ['left'] lie on the boundary already",
+    ),
     "not TOML": ("title = ", "not TOML"),
 }
 
@@ -231,6 +241,41 @@ def test_a_step_beyond_the_limit_stops_with_step_and_limit(tmp_path, capsys):
     import json
 
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"].startswith("stopped: the run became")
+
+
+def test_a_load_that_stops_being_a_number_is_the_scenes_fault(tmp_path, capsys):
+    (tmp_path / "scene.toml").write_text(change("[0, 0.01]", '["sqrt(0.3 - t)", 0]'))
+    code = main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out"), "--quiet"])
+    told = capsys.readouterr().err
+    assert code == 2
+    assert "formula 'sqrt(0.3 - t)' is nan at x = 0, y = 0" in told
+    import json
+
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"].startswith("stopped: formula")
+
+
+def test_check_refuses_what_run_refuses(tmp_path, capsys):
+    for content, message in (
+        (BAD["no bonds"][0], "without a bond"),
+        (BAD["poisson"][0], "one elastic constant"),
+        (
+            change('plane = "stress"', 'plane = "stress", calibrate = "discrete"').replace("0.13}", "0.4}"),
+            "no vertex lies",
+        ),
+    ):
+        (tmp_path / "scene.toml").write_text(content)
+        assert main(["check", str(tmp_path / "scene.toml")]) == 2
+        assert message in capsys.readouterr().err
+
+
+def test_a_surface_in_space_is_no_body(tmp_path, capsys):
+    import meshio
+
+    flat = skfem.MeshTri().refined(2)
+    points = np.vstack([flat.p, flat.p[0] ** 2]).T
+    meshio.Mesh(points, [("triangle", flat.t.T)]).write(tmp_path / "shell.vtu")
+    content = change("{box = [[0, 1], [0, 0.5]], divisions = [16, 8]}", '{file = "shell.vtu"}')
+    assert "a surface or a curve in space is not a body" in complaint(capsys, tmp_path, content)
 
 
 def test_our_own_fault_is_exit_1(tmp_path, capsys, monkeypatch):

@@ -168,7 +168,9 @@ def test_a_block_of_separate_tetrahedra():
 def test_where_two_holes_touch_the_vertex_sees_its_elements():
     mesh = box(2, 8)
     x, y = mesh.p[:, mesh.t].mean(axis=1)
-    holes = ((x > 0.5) & (x < 0.75) & (y > 0.5) & (y < 0.75) & (x > y)) | ((x < 0.5) & (x > 0.25) & (y < 0.5) & (y > 0.25))
+    holes = ((x > 0.5) & (x < 0.75) & (y > 0.5) & (y < 0.75) & (x > y)) | (
+        (x < 0.5) & (x > 0.25) & (y < 0.5) & (y > 0.25)
+    )
     mesh = mesh.remove_elements(np.flatnonzero(holes))
     pinch = index(mesh, 0.5, 0.5)
     around = np.setdiff1d(np.unique(mesh.t[:, (mesh.t == pinch).any(axis=0)]), pinch)

@@ -28,6 +28,7 @@ from .reading import SceneError
 from .scene import LoadTable, Scene, Where
 
 _AXES = ("x", "y", "z")
+_MOST_STEPS = 1e10
 _SPARE = 0.8  # of the free memory that a run may plan to take
 
 
@@ -118,9 +119,10 @@ class Problem:
         """The step: as given, or the safe part of the limit, shortened so that a whole number of them fits."""
         time = self.scene.time
         dt = time.step if time.step is not None else time.safety * self.limit.dt
-        if dt > time.until:
-            dt = time.until
-        return time.until / int(np.ceil(time.until / dt - 1e-9))
+        steps = max(1.0, np.ceil(time.until / dt - 1e-9))
+        if steps > _MOST_STEPS:
+            raise SceneError(f"time.until = {time.until:g} takes {steps:.3g} steps of {dt:.3g}; that would never end")
+        return time.until / int(steps)
 
     def vertices(self, where: Where, path: str) -> Longs:
         """Return the vertices a table selects. Raises :class:`SceneError` when there are none."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -42,7 +43,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     arguments = parser.parse_args(argv)
     try:
-        return {"run": _run, "cfl": _cfl, "check": _check}[arguments.command](arguments)
+        code = {"run": _run, "cfl": _cfl, "check": _check}[arguments.command](arguments)
+        sys.stdout.flush()
+        return code
     except KeyboardInterrupt:
         print("\nskfem-peridynamics: interrupted", file=sys.stderr)
         return 130
@@ -50,6 +53,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _complain(error, 2)
     except MemoryError as error:
         return _complain(f"not enough memory: {error or 'take a coarser mesh or a smaller horizon'}", 2)
+    except (OverflowError, RecursionError) as error:
+        return _complain(f"a number in the input is too large or too small to compute with: {error}", 2)
+    except BrokenPipeError:  # whoever read the table has read enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        return _complain(f"cannot read or write {error.filename!r}: {error.strerror}", 1)
     except Exception as error:
         from ..solve.watch import UnstableRun
 
@@ -199,37 +209,9 @@ def _cfl(arguments: argparse.Namespace) -> int:
 
 def _check(arguments: argparse.Namespace) -> int:
     scene = Scene.read(arguments.scene)
-    from math import ceil
+    from .check import check
 
-    from .build import Problem
-    from .meshes import free_memory
-
-    problem = Problem(scene)
-    material = problem.material
-    dim = problem.mesh.dim()
-    expected, need = problem.expected_bonds, problem.expected_bytes
-    assert (problem.load, problem.fixed, problem.u0, problem.v0) is not None
-    for k, table in enumerate(scene.no_fail):
-        problem.vertices(table, f"no_fail[{k}]")
-    rows = [
-        ("dimension, nodes", f"{dim}, {problem.mesh.nvertices}"),
-        ("bonds", f"about {expected}"),
-        ("memory", f"about {need / 1e6:.0f} MB of {free_memory() / 1e6:.0f} MB free"),
-    ]
-    # a step that the exact integrals allow: no bond is made for it
-    from ..bonds.rules import PairRule
-    from ..material.influence import as_influence
-
-    influence = as_influence(scene.bonds.influence)
-    slope = material.law(dim, influence.moment(dim)).slope
-    lam = 8.0 * slope * influence.mean_inverse_power(1.0, dim) / (scene.material.density * dim * scene.bonds.horizon**2)
-    if scene.time.step is not None:
-        rows.append(("steps", f"{ceil(scene.time.until / scene.time.step)} of {scene.time.step:g}, as given"))
-    elif lam < float("inf"):
-        rows.append(("steps", f"at most about {ceil(scene.time.until * lam**0.5 / 2 / scene.time.safety)}"))
-    else:
-        rows.append(("steps", f"{ceil(scene.time.until / problem.dt)}"))
-    del PairRule
+    rows = check(scene)
     print(f"{scene.title}: the scene is sound")
     _table(rows)
     return 0

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from .._types import Mesh
-from ..geometry.simplices import check_simplices
+from ..geometry.simplices import check_simplices, describe_point
 from .reading import SceneError
 from .scene import MeshTable
 
@@ -21,25 +21,35 @@ def blame(path: str) -> Iterator[None]:
     """Turn a ValueError of the library into a SceneError that starts with the path of the key."""
     try:
         yield
+    except SceneError:  # it names its key already
+        raise
     except ValueError as error:
         raise SceneError(f"{path}: {error}") from None
 
 
 def read_mesh(path: Path) -> Mesh:
     """Return the simplicial mesh in a file that meshio reads; physical groups become boundaries and subdomains."""
-    import skfem
+    import meshio
+    from skfem.io.meshio import from_meshio
 
     if not path.is_file():
         raise SceneError(f"mesh.file = {str(path)!r} is not a file")
     said = io.StringIO()  # meshio prints its reasons
     try:
         with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
-            mesh = skfem.Mesh.load(str(path), ignore_orientation=True)
+            content = meshio.read(path)
+            mesh = from_meshio(content, ignore_orientation=True)
     except (SystemExit, Exception) as error:  # whatever a reader of a foreign format may raise
         reason = " ".join((said.getvalue() or str(error)).split())
         raise SceneError(f"mesh.file = {str(path)!r} cannot be read as a mesh: {reason}") from None
     with blame(f"mesh.file = {str(path)!r}"):
         check_simplices(mesh)
+        spread = np.ptp(content.points[np.unique(np.concatenate([c.data.ravel() for c in content.cells]))], axis=0)
+        if (spread[mesh.dim() :] > 1e-9 * spread.max()).any():
+            raise ValueError(
+                f"its {type(mesh).__name__} elements have {mesh.dim()} dimensions, its points spread over "
+                f"{describe_point(spread)}; a surface or a curve in space is not a body"
+            )
     return mesh
 
 

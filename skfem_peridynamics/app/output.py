@@ -15,6 +15,7 @@ import numpy as np
 
 from .._types import Basis, Floats
 
+_FRAME = "frame_[0-9][0-9][0-9][0-9].vtu"
 _CELLS = {1: "line", 2: "triangle", 3: "tetra"}
 
 
@@ -23,6 +24,14 @@ def write_whole(path: Path, content: str) -> None:
     aside = path.with_name(path.name + ".part")
     aside.write_text(content)
     os.replace(aside, path)
+
+
+def clear(folder: Path) -> None:
+    """Remove what an earlier run left in a folder, by the names that runs use; other files stay."""
+    for old in folder.glob(_FRAME):
+        old.unlink()
+    for name in ("frames.pvd", "history.csv", "summary.json", "damage.png", "energies.png"):
+        (folder / name).unlink(missing_ok=True)
 
 
 @dataclass(eq=False)
@@ -46,7 +55,7 @@ class Frames:
     def __post_init__(self) -> None:
         self.folder = Path(self.folder)
         self.folder.mkdir(parents=True, exist_ok=True)
-        for old in self.folder.glob("frame_[0-9][0-9][0-9][0-9].vtu"):
+        for old in self.folder.glob(_FRAME):
             old.unlink()
 
     def write(self, t: float, **fields: Floats) -> Path:

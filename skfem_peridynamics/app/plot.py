@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +83,7 @@ def plot_damage(path: Path, basis: Basis, u: Floats, intact: Floats, title: str)
         axes.set_ylabel("y")
         axes.set_zlabel("z")
         figure.colorbar(shades, ax=axes, label="softened bonds, fraction", shrink=0.6)
-    axes.set_title(title)
+    axes.set_title(title, parse_math=False)
     _save(figure, path)
 
 
@@ -106,7 +107,7 @@ def plot_energies(path: Path, history: History, title: str) -> None:
         axes.plot(t, history.column(name), style, label=label.get(name, name), linewidth=1.5)
     axes.set_xlabel("t")
     axes.set_ylabel("energy")
-    axes.set_title(title)
+    axes.set_title(title, parse_math=False)
     axes.legend(frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
     _save(figure, path)
@@ -114,5 +115,7 @@ def plot_energies(path: Path, history: History, title: str) -> None:
 
 def _save(figure: Any, path: Path) -> None:
     aside = path.with_name(path.name + ".part")
-    figure.savefig(aside, format="png")
+    with warnings.catch_warnings():  # a title may use letters that the font lacks: boxes are drawn for them
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+        figure.savefig(aside, format="png")
     aside.replace(path)

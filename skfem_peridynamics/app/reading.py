@@ -5,10 +5,10 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
-from math import isfinite
 from typing import Any, TypeVar
 
 _T = TypeVar("_T")
+_LARGEST = 1e100  # powers of it must stay numbers
 
 
 class SceneError(ValueError):
@@ -61,8 +61,9 @@ def tables(kind: type[_T]) -> Callable[[Any, str], tuple[_T, ...]]:
 
 
 def number(value: Any, path: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
-        raise SceneError(f"{path} = {value!r} must be a finite number")
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= _LARGEST:
+        shown = repr(value) if len(repr(value)) < 60 else f"{repr(value)[:50]}..."
+        raise SceneError(f"{path} = {shown} must be a finite number")
     return float(value)
 
 

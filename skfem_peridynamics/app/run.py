@@ -15,10 +15,10 @@ from .._version import __version__
 from ..analysis.damage import Census, census, damage
 from ..solve.central_difference import central_difference
 from ..solve.state import State
-from ..solve.watch import UnstableRun
 from . import plot
 from .build import Problem
-from .output import Frames, History, write_summary
+from .formula import FormulaError
+from .output import Frames, History, clear, write_summary
 from .reading import SceneError
 from .scene import Scene
 
@@ -105,8 +105,9 @@ def run(scene: Scene, out: str | Path, progress: Progress | None = None) -> dict
     Everything the scene says is checked before the folder is made. The files: ``frame_*.vtu`` and ``frames.pvd``,
     ``history.csv``, ``damage.png`` and ``energies.png``, and last ``summary.json``.
 
-    Raises :class:`SceneError` for a scene that makes no sense and ``UnstableRun`` when the energy balance breaks
-    (what was written until then stays, and the summary says so).
+    What an earlier run left there under these names is removed first. Raises :class:`SceneError` for a scene that
+    makes no sense and ``UnstableRun`` when the energy balance breaks; what was written until then stays, and the
+    summary says why the run stopped.
     """
     progress = progress or Silent()
     out, clock = Path(out), _Clock()
@@ -138,7 +139,7 @@ def run(scene: Scene, out: str | Path, progress: Progress | None = None) -> dict
     }
     try:
         out.mkdir(parents=True, exist_ok=True)
-        (out / "summary.json").unlink(missing_ok=True)
+        clear(out)
         history = History(out / "history.csv", COLUMNS)
     except OSError as error:
         raise SceneError(f"output folder {str(out)!r} cannot be written: {error.strerror}") from None
@@ -173,8 +174,11 @@ def run(scene: Scene, out: str | Path, progress: Progress | None = None) -> dict
             with clock.phase("output"):
                 _pictures(out, problem, state.u, history)
         summary["status"] = "finished"
-    except UnstableRun as error:
+    except FormulaError as error:  # a load or a motion that is no number at some later time
         summary["status"] = f"stopped: {error}"
+        raise SceneError(str(error)) from None
+    except BaseException as error:
+        summary["status"] = f"stopped: {error or type(error).__name__}"
         raise
     finally:
         history.close()

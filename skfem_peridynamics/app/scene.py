@@ -46,8 +46,11 @@ class MeshTable:
             if not 1 <= len(self.box) <= 3 or len(self.box) != len(self.divisions):
                 raise ValueError(f"box has {len(self.box)} axes and divisions {len(self.divisions)}; 1 to 3, alike")
             for axis in self.box:
-                if len(axis) != 2 or not axis[0] < axis[1]:
-                    raise ValueError(f"box = {list(map(list, self.box))}: each axis is [low, high] with low < high")
+                if len(axis) != 2 or not axis[1] - axis[0] > 1e-6 * max(map(abs, axis)):
+                    raise ValueError(
+                        f"box = {list(map(list, self.box))}: each axis is [low, high] with low < high, "
+                        "and not so close that the numbers cannot tell"
+                    )
             if min(self.divisions) < 1:
                 raise ValueError(f"divisions = {list(self.divisions)} must be at least 1 each")
 
@@ -152,6 +155,12 @@ class InitialTable:
     displacement: tuple[Formula, ...] | None = key(formulas, None)
     velocity: tuple[Formula, ...] | None = key(formulas, None)
 
+    def __post_init__(self) -> None:
+        for name in ("displacement", "velocity"):
+            for entry in getattr(self, name) or ():
+                if entry.uses("t"):
+                    raise ValueError(f"{name} = {entry.text!r} must not depend on t")
+
 
 @dataclass(frozen=True)
 class TimeTable:
@@ -208,6 +217,10 @@ class Scene:
             data = tomllib.loads(content)
         except tomllib.TOMLDecodeError as error:
             raise SceneError(f"not TOML: {error}") from None
+        except RecursionError:
+            raise SceneError("not TOML that can be read: it is nested too deeply") from None
+        except ValueError as error:  # an integer of thousands of digits
+            raise SceneError(f"not TOML that can be read: {error}") from None
         return dataclasses.replace(table(cls)(data, ""), folder=folder)
 
     @classmethod

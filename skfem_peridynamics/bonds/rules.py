@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sparse
+from scipy.sparse.csgraph import connected_components
 
 from .._types import Floats, Ints, Longs, Mesh
 from ..geometry.simplices import describe_point, vertex_sizes, vertex_volumes
@@ -31,6 +33,14 @@ class BondList:
     @property
     def nbonds(self) -> int:
         return len(self.i)
+
+
+def _pieces(groups: Ints, n: int | None = None) -> int:
+    """Number of connected pieces of vertices, given which of them belong together (one group per column)."""
+    n = int(groups.max()) + 1 if n is None else n
+    row = np.broadcast_to(groups[0], groups[1:].shape).ravel()
+    links = sparse.coo_matrix((np.ones(len(row), dtype=np.int8), (row, groups[1:].ravel())), shape=(n, n))
+    return int(connected_components(links, directed=False, return_labels=False))
 
 
 @dataclass(frozen=True)
@@ -64,7 +74,8 @@ class PairRule:
     def bonds(self, mesh: Mesh, horizon: float, order: Longs) -> BondList:
         """Return the bonds; their ends are places in ``order``, which lists the vertices.
 
-        Raises ``ValueError`` for a vertex that is left without a bond.
+        Raises ``ValueError`` for a vertex that is left without a bond, or when the bonds fall into more pieces than the
+        mesh.
         """
         i, j, weight = (np.concatenate(part) for part in zip(*self._chunks(mesh, horizon, order), strict=True))
         degree = np.bincount(i, minlength=mesh.nvertices) + np.bincount(j, minlength=mesh.nvertices)
@@ -74,6 +85,12 @@ class PairRule:
                 f"horizon = {horizon:g} leaves vertex {lonely[0]} at {describe_point(mesh.p[:, lonely[0]])} without a "
                 f"bond ({len(lonely)} of {mesh.nvertices} vertices); the mesh size there is "
                 f"{vertex_sizes(mesh)[lonely[0]]:.3g}: take a larger horizon or a finer mesh"
+            )
+        pieces, bonded = _pieces(mesh.t), _pieces(np.stack([i, j]), mesh.nvertices)
+        if bonded > pieces:
+            raise ValueError(
+                f"horizon = {horizon:g} leaves the bonds in {bonded} separate pieces, the mesh has {pieces}: in some "
+                "direction the mesh is coarser than the horizon; take a larger horizon or a finer mesh"
             )
         return BondList(i, j, weight)
 

@@ -10,7 +10,7 @@ from .._types import Bools, Longs, Mesh
 
 
 def fans(mesh: Mesh, marked: Bools, cut: Longs) -> tuple[Longs, Longs, Longs]:
-    """Return the fans of the marked vertices: corners of elements there, the fan of each corner, the vertex of each fan.
+    """Return the fans of marked vertices: corners of elements there, the fan of each corner, the vertex of each fan.
 
     Two elements at a vertex are in one fan when a chain of interior facets at that vertex, none of them in ``cut``,
     joins them. A corner is numbered ``local vertex * nelements + element``. Fans are sorted by vertex; a vertex with

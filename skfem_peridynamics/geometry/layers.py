@@ -49,18 +49,17 @@ def distance_to_facets(mesh: Mesh, facets: Any, within: float, points: Floats | 
     far = (within + radius) * (1.0 + 1e-9) + 1e-12 * extent  # what lies on the rim is found
     tree = cKDTree(middle.T)
     distance = np.full(points.shape[1], np.inf)
-    for start in range(0, points.shape[1], _CHUNK):
-        chunk = points[:, start : start + _CHUNK]
-        nearest, _ = tree.query(chunk.T, distance_upper_bound=far)
-        close = np.flatnonzero(np.isfinite(nearest))
-        if not len(close):
-            continue
-        some = cKDTree(chunk[:, close].T)
-        pairs = some.sparse_distance_matrix(tree, far, output_type="ndarray")
+    nearest, _ = tree.query(points.T, distance_upper_bound=far)
+    close = np.flatnonzero(np.isfinite(nearest))
+    close = close[np.argsort(nearest[close], kind="stable")]
+    for start in range(0, len(close), _CHUNK):
         # the nearest facet has its middle no farther than a facet radius beyond the nearest middle
-        pairs = pairs[pairs["v"] <= ((nearest[close] + radius) * (1.0 + 1e-9))[pairs["i"]]]
-        point = close[pairs["i"]]
-        np.minimum.at(distance, start + point, distance_to_simplices(chunk[:, point], corners, pairs["j"]))
+        chunk = close[start : start + _CHUNK]
+        bound = (nearest[chunk] + radius) * (1.0 + 1e-9)
+        pairs = cKDTree(points[:, chunk].T).sparse_distance_matrix(tree, bound[-1], output_type="ndarray")
+        pairs = pairs[pairs["v"] <= bound[pairs["i"]]]
+        point = chunk[pairs["i"]]
+        np.minimum.at(distance, point, distance_to_simplices(points[:, point], corners, pairs["j"]))
     distance[distance > within * (1.0 + 1e-9) + 1e-12 * extent] = np.inf
     return distance
 

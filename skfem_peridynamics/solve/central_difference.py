@@ -41,7 +41,7 @@ def central_difference(
     motions. Every ``watch`` steps the energy balance is checked (0: never); ``limit`` only serves the message.
     ``start`` continues an earlier run with the same bits.
 
-    Raises ``ValueError`` for arguments that make no sense and :class:`UnstableRun` when the balance breaks.
+    Raises ``ValueError`` for arguments and loads that make no sense and :class:`UnstableRun` when the balance breaks.
 
     >>> class Spring:
     ...     def force(self, u): return -u
@@ -84,6 +84,16 @@ def _initial(x: Floats | None, size: int, name: str) -> Floats:
     return x
 
 
+def _checked(b: Floats, size: int, t: float) -> Floats:
+    """The load as an array of our own: the caller may fill the same one each time."""
+    b = np.array(b, dtype=float)
+    if b.shape != (size,):
+        raise ValueError(f"load({t:g}) has shape {b.shape}; the mass matrix has {size} degrees of freedom")
+    if not np.isfinite(b).all():
+        raise ValueError(f"load({t:g}) has {np.count_nonzero(~np.isfinite(b))} values that are not finite")
+    return b
+
+
 def _steps(
     body: Body,
     m: Floats,
@@ -104,7 +114,7 @@ def _steps(
 
     def accelerate(step: int) -> tuple[Floats, Floats | None]:
         """Acceleration at a step from force and load; prescribed degrees of freedom follow their own motion."""
-        b = None if load is None else load(at(step))
+        b = None if load is None else _checked(load(at(step)), len(m), at(step))
         a = body.force(u)
         if b is not None:
             a = a + b

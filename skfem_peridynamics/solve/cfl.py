@@ -79,8 +79,8 @@ def closed_form(body: Peridynamics, density: float) -> float:
 def nodal_bounds(body: Peridynamics, m: Floats) -> tuple[float, float]:
     """Return the guaranteed nodal bound and the row-sum estimate, from one pass over the bonds.
 
-    With ``A_i`` the stiffness that all bonds of vertex i hang on it, they are the maxima over the vertices of
-    ``2 lam_max(A_i) / m_i`` and ``2 trace(A_i) / m_i``.
+    With ``A_i`` the stiffness that all bonds of vertex i hang on it and ``m_i`` its mass (one per component), they are
+    the maxima over the vertices of ``2 lam_max`` and of ``2 trace`` of ``m_i^-1/2 A_i m_i^-1/2``.
     """
     dim, n = body.bonds.dim, body.bonds.mesh.nvertices
     A = np.zeros((dim, dim, n))
@@ -96,9 +96,10 @@ def nodal_bounds(body: Peridynamics, m: Floats) -> tuple[float, float]:
                     A[a, b, low : low + width] += part
                     if b > a:
                         A[b, a, low : low + width] += part
-    mass = body.inward(m).reshape(n, dim)[:, 0]
+    scale = 1.0 / np.sqrt(body.inward(m).reshape(n, dim).T)
+    A *= scale[:, None] * scale
     stiffest = np.linalg.eigvalsh(np.moveaxis(A, 2, 0))[:, -1]
-    return float((2.0 * stiffest / mass).max()), float((2.0 * np.trace(A) / mass).max())
+    return float(2.0 * stiffest.max()), float(2.0 * np.trace(A).max())
 
 
 def largest_eigenvalue(body: Peridynamics, m: Floats, tolerance: float) -> tuple[float, float, int]:

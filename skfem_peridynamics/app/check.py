@@ -1,0 +1,53 @@
+"""Tell the size of a scene before it runs."""
+
+from __future__ import annotations
+
+from math import ceil, isfinite
+
+from ..material.influence import as_influence
+from .build import Problem
+from .meshes import blame, free_memory
+from .reading import SceneError
+from .scene import Scene
+
+# so many bonds are made in a second or two; a scene with more is told from estimates
+_TRIED = 3_000_000
+
+
+def check(scene: Scene) -> list[tuple[str, str]]:
+    """Check all that a scene says and return its dimension, nodes, bonds, memory and steps, as rows of a table.
+
+    Small scenes are built to their step limit, so what is sound here runs. Raises :class:`SceneError`.
+    """
+    problem = Problem(scene)
+    material, dim, time = problem.material, problem.mesh.dim(), scene.time
+    for part in ("load", "fixed", "u0", "v0"):
+        getattr(problem, part)
+    for k, table in enumerate(scene.no_fail):
+        problem.vertices(table, f"no_fail[{k}]")
+    influence = as_influence(scene.bonds.influence)
+    with blame("material"):
+        slope = material.law(dim, influence.moment(dim)).slope
+    expected, need = problem.expected_bonds, problem.expected_bytes
+    rows = [("dimension, nodes", f"{dim}, {problem.mesh.nvertices}")]
+    # the exact integrals allow at least this step, wherever they bound it
+    lam = 8.0 * slope * influence.mean_inverse_power(1.0, dim) / (scene.material.density * dim * scene.bonds.horizon**2)
+    if need > free_memory():
+        raise SceneError(
+            f"bonds.horizon = {scene.bonds.horizon:g} makes about {expected:.3g} bonds: {need / 1e9:.3g} GB"
+        )
+    if expected <= _TRIED:
+        rows.append(("bonds", f"{problem.bonds.nbonds}"))
+        with blame("material"):
+            _ = problem.body.law
+        rows.append(("steps", f"{ceil(time.until / problem.dt - 1e-9)} of {problem.dt:.4g}"))
+    else:
+        rows.append(("bonds", f"about {expected}"))
+        if time.step is not None:
+            rows.append(("steps", f"{ceil(time.until / time.step)} of {time.step:.4g}"))
+        elif isfinite(lam):
+            rows.append(("steps", f"at most about {ceil(time.until * lam**0.5 / 2 / time.safety)}"))
+        else:
+            rows.append(("steps", "not known before the bonds are made: in 1D the exact integrals have no bound"))
+    rows.append(("memory", f"about {need / 1e6:.0f} MB of {free_memory() / 1e6:.0f} MB free"))
+    return rows
