@@ -46,15 +46,26 @@ def test_energy_in_1d_is_second_order():
     assert abs(errors[-1]) < 1.1e-4
 
 
-# the largest error measured at four, eight, ... vertices per horizon is 0.0042, 0.0065, 0.0003 in 2D (it is a lattice
-# count, hence not monotone) and 0.0102 at four in 3D; the bounds leave a tenth
-@pytest.mark.parametrize(
-    ("dim", "per_horizon", "bound"), [(2, 4, 4.7e-3), (2, 8, 7.1e-3), (2, 16, 3.2e-4), (3, 4, 1.13e-2)]
-)
-def test_energies_of_the_square_and_the_cube(dim, per_horizon, bound):
+# the bounds are the largest errors measured, and a tenth; they are lattice counts, hence not monotone
+LARGEST = {
+    (2, 2): 6.15e-2,
+    (2, 3): 2.95e-2,
+    (2, 4): 4.17e-3,
+    (2, 6): 2.98e-3,
+    (2, 8): 6.46e-3,
+    (2, 12): 1.85e-3,
+    (2, 16): 2.91e-4,
+    (3, 2): 7.94e-2,
+    (3, 3): 3.30e-2,
+    (3, 4): 1.02e-2,
+}
+
+
+@pytest.mark.parametrize(("dim", "per_horizon"), LARGEST)
+def test_energies_of_the_square_and_the_cube(dim, per_horizon):
     errors = {name: error(dim, name, per_horizon) for d, name in EXACT if d == dim}
     print({"dim": dim, "eps/h": per_horizon} | {name: f"{e:+.2e}" for name, e in errors.items()})
-    assert max(map(abs, errors.values())) < bound
+    assert max(map(abs, errors.values())) < 1.1 * LARGEST[dim, per_horizon]
 
 
 def test_energy_on_random_and_graded_meshes():
@@ -94,8 +105,10 @@ def lattice_speed(dim, polarisation, direction, convention="physical", per_horiz
 )
 def test_long_waves_travel_at_the_elastic_speeds(dim, direction):
     for polarisation in "PS":
-        speed, _ = lattice_speed(dim, polarisation, direction)
+        speed, across = lattice_speed(dim, polarisation, direction)
+        print(f"{dim}D, {polarisation} wave along {direction}: {speed:.4f} of the elastic speed")
         assert speed == pytest.approx(1.0, abs=0.01)
+        assert across < 0.05  # these directions are near symmetric: the wave stays polarised
 
 
 def test_the_papers_factor_makes_waves_sqrt_two_too_fast():
