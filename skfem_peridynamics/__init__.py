@@ -20,7 +20,7 @@ from .model.peridynamics import Peridynamics
 from .solve.central_difference import central_difference
 from .solve.cfl import StepLimit, stable_time_step
 from .solve.constraints import Prescribed
-from .solve.state import Energies, State
+from .solve.state import Energies, State, load_state, save_state
 from .solve.watch import UnstableRun
 
 if TYPE_CHECKING:
@@ -62,11 +62,13 @@ __all__ = [
     "gaussian",
     "interpolate",
     "layer_traction",
+    "load_state",
     "mass_matrix",
     "own_potential",
     "project",
     "region",
     "run",
+    "save_state",
     "slit",
     "stable_time_step",
     "traction",

@@ -12,7 +12,9 @@ from skfem_peridynamics import (
     body_force,
     central_difference,
     discrete_energy,
+    load_state,
     mass_matrix,
+    save_state,
     stable_time_step,
 )
 
@@ -213,7 +215,7 @@ def test_drop_in_dofs_of_scikit_fem():
     assert len(Prescribed(basis.get_dofs("left").all("u^1"), displacement=0.0).dofs) == 5
 
 
-def test_continuing_gives_the_same_bits():
+def test_continuing_gives_the_same_bits(tmp_path):
     body, M, u0 = small_body(Exponential(1.0, 1e-4))
     limit = stable_time_step(body, M)
     options = {
@@ -230,6 +232,14 @@ def test_continuing_gives_the_same_bits():
     assert rest.u.tobytes() == whole.u.tobytes()
     assert rest.v.tobytes() == whole.v.tobytes()
     assert rest.work == whole.work
+    save_state(tmp_path / "kept.npz", kept)
+    stored = load_state(tmp_path / "kept.npz")
+    assert (
+        last(central_difference(body, M, until=50 * limit.dt, start=stored, **options)).u.tobytes() == whole.u.tobytes()
+    )
+    (tmp_path / "kept.npz").write_bytes((tmp_path / "kept.npz").read_bytes()[:-200])
+    with pytest.raises(ValueError, match="is not a state that save_state wrote"):
+        load_state(tmp_path / "kept.npz")
     with pytest.raises(ValueError, match="the state to start from was made with dt"):
         last(central_difference(body, M, dt=0.5 * limit.dt, until=1.0, start=kept))
 

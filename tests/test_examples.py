@@ -113,6 +113,22 @@ def test_glass_branching(tmp_path):
     assert (tmp_path / "damage.png").stat().st_size > 50_000
 
 
+def test_the_python_of_the_readme(tmp_path, monkeypatch):
+    """Twenty lines, run as printed on a quarter of the resolution."""
+    monkeypatch.chdir(tmp_path)
+    text = (EXAMPLES.parent / "README.md").read_text()
+    code = text.split("```python\n")[1].split("```")[0]
+    assert len([line for line in code.splitlines() if line.strip()]) <= 20
+    for old, new in (("401", "101"), ("161", "41"), ("horizon=1e-3", "horizon=4e-3"), ("width=1e-3", "width=4e-3")):
+        assert old in code
+        code = code.replace(old, new)
+    result = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    assert "softened bonds, energy off by" in result.stdout
+    assert int(result.stdout.split()[0]) > 100
+    assert (tmp_path / "plate" / "frames.pvd").exists()
+
+
 def small_block(scene):
     return dataclasses.replace(
         scene,

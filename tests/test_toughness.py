@@ -55,6 +55,21 @@ def test_toughness_does_not_depend_on_the_ratio_in_2d(per_horizon):
     assert relative(2, "constant", "continuum", per_horizon) == pytest.approx(1.0, abs=0.01)
 
 
+def test_cracks_in_other_directions_of_a_lattice_cost_a_little_more():
+    """Counted over the bonds of one vertex: sum of weight J |xi.n|, relative to a crack along a mesh line."""
+    bonds = {J: BondBasis(vector_basis(grid((20.0, 20), (20.0, 20))), 4.0, J) for J in ("constant", "conical")}
+    for J, dearest in (("constant", 1.017), ("conical", 1.027)):
+        one = bonds[J]
+        centre = np.flatnonzero(one.order == np.flatnonzero(np.abs(one.mesh.p - 10).max(axis=0) < 1e-9)[0])[0]
+        mine = np.flatnonzero((one.bonds.i == centre) | (one.bonds.j == centre))
+        k, xi = one.measure(mine), one.vectors(mine)
+        cost = {t: k @ np.abs(np.array([np.cos(t), np.sin(t)]) @ xi) for t in np.radians([0, 22.5, 45])}
+        relative = np.array(list(cost.values())) / cost[0.0]
+        print(f"{J}: a crack at 22.5 and 45 degrees costs {relative[1]:.3f} and {relative[2]:.3f} times one at 0")
+        assert relative[1] == pytest.approx(dearest, abs=1e-3)
+        assert 1.0 < relative[2] < relative[1]
+
+
 def test_discrete_calibration_of_a_body():
     mesh = grid((1.0, 16), (1.0, 16))
     material = Material.from_elastic(young=1.0, toughness=1.0, density=1.0, plane="stress")
