@@ -235,7 +235,8 @@ SPARE = """
 import sys
 import skfem
 import skfem_peridynamics as peri
-assert not {"meshio", "matplotlib", "tomllib", "pyamg", "numba", "rich", "scipy.integrate"} & set(sys.modules)
+heavy = {"meshio", "matplotlib", "tomllib", "pyamg", "numba", "rich", "scipy.integrate", "scipy.spatial"}
+assert not heavy & set(sys.modules), heavy & set(sys.modules)
 assert not any(name.startswith("skfem_peridynamics.app") for name in sys.modules)
 from skfem_peridynamics.app.build import Problem
 from skfem_peridynamics.model import kernels, mass, peridynamics

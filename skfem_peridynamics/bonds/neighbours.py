@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from .._types import Floats, Longs
 
@@ -36,6 +35,8 @@ def pairs_within(x: Floats, reach: float) -> Iterator[tuple[Longs, Longs, Floats
     >>> [[a.tolist() for a in chunk] for chunk in pairs_within(np.array([[0.0, 1.0, 2.0, 2.0]]), 1.0)]
     [[[0, 1, 1], [1, 2, 3], [1.0, 1.0, 1.0]]]
     """
+    from scipy.spatial import cKDTree
+
     n = x.shape[1]
     tree = cKDTree(x.T)
     for start in range(0, n, _POINTS):
@@ -52,6 +53,8 @@ def estimate_pairs(x: Floats, reach: float, samples: int = 500) -> int:
     >>> estimate_pairs(np.linspace(0, 1, 101)[None], 0.0301)
     297
     """
+    from scipy.spatial import cKDTree
+
     n = x.shape[1]
     pick = np.unique(np.linspace(0, n - 1, min(n, samples)).astype(np.int64))
     tree = cKDTree(x.T)

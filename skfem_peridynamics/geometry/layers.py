@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from .._types import Floats, Ints, Longs, Mesh
 from .simplices import distance_to_simplices
@@ -40,6 +39,8 @@ def distance_to_facets(mesh: Mesh, facets: Any, within: float, points: Floats | 
     >>> sorted(set(distance_to_facets(m, "left", within=0.6).tolist()))
     [0.0, 0.25, 0.5, inf]
     """
+    from scipy.spatial import cKDTree
+
     facets = named_facets(mesh, facets)
     points = mesh.p if points is None else points
     corners = mesh.p[:, mesh.facets[:, facets]]

@@ -17,7 +17,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from .._types import Bools, Floats, Longs, Mesh
 from .fans import fans
@@ -54,6 +53,8 @@ class Facets:
 
     def pairs(self, p: Floats, q: Floats) -> tuple[Longs, Longs]:
         """Return the segments and the facets that are close enough to meet."""
+        from scipy.spatial import cKDTree
+
         half = 0.5 * float(np.linalg.norm(q - p, axis=0).max())
         tree, middles = cKDTree(self.middle.T), cKDTree((0.5 * (p + q)).T)
         found = middles.sparse_distance_matrix(tree, (half + self.radius) * (1.0 + 1e-9), output_type="ndarray")
@@ -162,6 +163,8 @@ def sight(mesh: Mesh, reach: float) -> Sight:
     >>> sight(m, 1.0).blocked(tip, low).tolist()
     [True]
     """
+    from scipy.spatial import cKDTree
+
     facets = mesh.boundary_facets()
     normal, _ = outward_normals(mesh, facets)
     corners = mesh.p[:, mesh.facets[:, facets]]
@@ -243,6 +246,8 @@ def _inward(mesh: Mesh, facets: Longs, normal: Floats) -> Floats:
 
 def _extreme(p: Floats) -> Floats:
     """Points (dim, n) whose convex hull is that of the body, or the corners of its box where it is too flat to tell."""
+    from scipy.spatial import ConvexHull, QhullError
+
     low, high = p.min(axis=1), p.max(axis=1)
     if len(p) > 1:
         try:

@@ -90,8 +90,9 @@ def save_state(path: str | Path, state: State) -> None:
     """
     path = Path(path)
     aside = path.with_name(path.name + ".part")
+    content: dict[str, Any] = {name: np.asarray(getattr(state, name)) for name in _NUMBERS + _VECTORS}
     with open(aside, "wb") as file:
-        np.savez(file, **{name: np.asarray(getattr(state, name)) for name in _NUMBERS + _VECTORS})
+        np.savez(file, **content)
     os.replace(aside, path)
 
 
