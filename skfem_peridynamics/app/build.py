@@ -29,6 +29,7 @@ from .scene import LoadTable, Scene, Where
 
 _AXES = ("x", "y", "z")
 _MOST_STEPS = 1e10
+_PROGRAM = 120_000_000  # bytes of the interpreter and the libraries
 _SPARE = 0.8  # of the free memory that a run may plan to take
 
 
@@ -57,7 +58,8 @@ class Problem:
         from skfem import Basis, ElementLineP1, ElementTetP1, ElementTriP1, ElementVector
 
         element = (ElementLineP1, ElementTriP1, ElementTetP1)[self.mesh.dim() - 1]()
-        return Basis(self.mesh, ElementVector(element), intorder=2)
+        # a run sums over bonds, not over elements: the basis only numbers, so one element is all it tabulates
+        return Basis(self.mesh, ElementVector(element), elements=np.array([0]), intorder=1)
 
     @cached_property
     def material(self) -> Material:
@@ -91,9 +93,10 @@ class Problem:
 
     @property
     def expected_bytes(self) -> int:
-        """Memory of the run: bonds as listed and as blocks, search and temporary arrays, fields."""
-        dim, nvertices = int(self.mesh.dim()), int(self.mesh.nvertices)
-        return self.expected_bonds * (16 + 24) + block_bytes(self.expected_bonds, dim) + 60 * 8 * dim * nvertices
+        """Memory of the run: bonds as listed and as blocks, the mesh, fields, and what the program itself takes."""
+        dim, nvertices, nelements = (int(x) for x in (self.mesh.dim(), self.mesh.nvertices, self.mesh.nelements))
+        per_bond = 16 + 24 + block_bytes(1, dim)
+        return self.expected_bonds * per_bond + 60 * 8 * dim * nvertices + 200 * dim * nelements + _PROGRAM
 
     @cached_property
     def body(self) -> Peridynamics:
