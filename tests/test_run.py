@@ -179,8 +179,12 @@ def test_cfl_of_a_scene_and_of_a_mesh_file(tmp_path, capsys):
         assert word in table
     for wrong, message in (
         ([], "cfl needs a scene, or a mesh file with --mesh"),
-        ([str(tmp_path / "scene.toml"), "--young", "2"], "--young goes with --mesh, not with a scene"),
+        (
+            [str(tmp_path / "scene.toml"), "--young", "2"],
+            "--young is for a mesh file; with a scene, change the scene instead",
+        ),
         ([*flags[:5], "-1", *flags[6:]], "--young -1.0 must be a positive number"),
+        (flags[:-2], "cfl of a mesh in 2D needs --plane stress or --plane strain"),
         (flags[:6], "with --density as well"),
     ):
         assert main(["cfl", *wrong]) == 2

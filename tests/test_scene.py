@@ -80,7 +80,7 @@ BAD = {
     "no plane": (change(', plane = "stress"', ""), "material: plane = None: a body in 2D is in plane"),
     "crack outside": (
         change("[[0.0, 0.25], [0.5, 0.25]]", "[[2.0, 0.25], [3.0, 0.25]]"),
-        "crack: crack from (2, 0.25) to (3, 0.25): no interior facet",
+        "crack[0].points: crack from (2, 0.25) to (3, 0.25) lies outside the body, which reaches from (0, 0)",
     ),
     "crack off the mesh lines": (change("0.25], [0.5, 0.25]", "0.26], [0.5, 0.26]"), "facets must follow it"),
     "crack of one point": (
@@ -89,7 +89,7 @@ BAD = {
     ),
     "crack in 3D": (
         change("[[0.0, 0.25], [0.5, 0.25]]", "[[0,0,0],[1,0,0],[1,1,0]]"),
-        "crack: crack points have 3 coordinates, the mesh has 2",
+        "crack[0].points: crack points have 3 coordinates, the mesh has 2",
     ),
     "unknown boundary": (
         change('on = "left"', 'on = "lift"'),
@@ -266,6 +266,31 @@ def test_check_refuses_what_run_refuses(tmp_path, capsys):
         (tmp_path / "scene.toml").write_text(content)
         assert main(["check", str(tmp_path / "scene.toml")]) == 2
         assert message in capsys.readouterr().err
+
+
+def test_what_looks_like_a_slip_of_units_is_noted(tmp_path, capsys, caplog):
+    for content, note in (
+        (change("young = 1.0", "young = 1e-9"), "the run ends after 1 steps: time.until = 0.5 is"),
+        (change("until = 0.5", "until = 0.5, step = 0.25"), "time.step = 0.25 is 2.99 times the stable limit"),
+        (change("until = 0.5", "until = 5e6"), "steps; are the units of time.until = 5e+06 what you mean?"),
+    ):
+        (tmp_path / "scene.toml").write_text(content)
+        assert main(["check", str(tmp_path / "scene.toml")]) == 0
+        assert note in capsys.readouterr().out
+    (tmp_path / "scene.toml").write_text(change("0.13}\ncrack", "1.3}\ncrack"))
+    assert main(["check", str(tmp_path / "scene.toml")]) == 0
+    assert "bonds.horizon = 1.3 is larger than the body, which measures 1" in caplog.text
+
+
+def test_a_run_of_one_step_under_a_growing_load_is_no_alarm(tmp_path, capsys):
+    content = (
+        change("young = 1.0", "young = 1e-9")
+        .replace("[0, 0.01]", '[0, "0.01*t"]')
+        .replace("[0, -0.01]", '[0, "-0.01*t"]')
+    )
+    (tmp_path / "scene.toml").write_text(content.replace('initial = {velocity = ["0", "1e-3*y"]}', ""))
+    assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]) == 0
+    assert "no bond came near its critical strain" in capsys.readouterr().out
 
 
 def test_a_surface_in_space_is_no_body(tmp_path, capsys):

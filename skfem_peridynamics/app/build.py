@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from math import ceil
 
 import numpy as np
 
@@ -14,7 +16,7 @@ from ..bonds.bond_basis import BondBasis
 from ..bonds.rules import PairRule
 from ..geometry.layers import collar, named_facets, region
 from ..geometry.simplices import vertex_volumes
-from ..geometry.slit import Crack, slit
+from ..geometry.slit import Crack, facets_on, slit
 from ..material.calibration import Material, state
 from ..model.kernels import block_bytes
 from ..model.loads import layer_share, traction
@@ -27,6 +29,7 @@ from .meshes import blame, free_memory, make_mesh
 from .reading import SceneError
 from .scene import LoadTable, Scene, Where
 
+_log = logging.getLogger("skfem_peridynamics")
 _AXES = ("x", "y", "z")
 _MOST_STEPS = 1e10
 _PROGRAM = 120_000_000  # bytes of the interpreter and the libraries
@@ -42,16 +45,17 @@ class Problem:
     @cached_property
     def mesh(self) -> Mesh:
         mesh = make_mesh(self.scene.mesh, self.scene.folder)
-        cracks = []
+        cuts: list[str | Longs] = []
         for k, table in enumerate(self.scene.crack):
             if table.points is not None:
                 with blame(f"crack[{k}].points"):
-                    cracks.append(Crack(table.points))
-        tagged = [table.facets for table in self.scene.crack if table.facets is not None]
+                    cuts.append(facets_on(mesh, Crack(table.points)))
+            elif table.facets is not None:
+                cuts.append(table.facets)
         if not self.scene.crack:
             return mesh
         with blame("crack"):
-            return slit(mesh, *cracks, facets=tagged or None)
+            return slit(mesh, facets=cuts)
 
     @cached_property
     def basis(self) -> Basis:
@@ -75,6 +79,9 @@ class Problem:
         rule = PairRule(partial_volume=table.partial_volume)
         with blame("bonds"):
             bonds = BondBasis(self.basis, table.horizon, table.influence, rule, table.boundary_function)
+        extent = float(np.ptp(self.mesh.p, axis=1).max())
+        if table.horizon > extent:
+            _log.warning("bonds.horizon = %g is larger than the body, which measures %g", table.horizon, extent)
         expected = self.expected_bonds
         need = self.expected_bytes
         if need > _SPARE * free_memory():
@@ -122,10 +129,29 @@ class Problem:
         """The step: as given, or the safe part of the limit, shortened so that a whole number of them fits."""
         time = self.scene.time
         dt = time.step if time.step is not None else time.safety * self.limit.dt
-        steps = max(1.0, np.ceil(time.until / dt - 1e-9))
-        if steps > _MOST_STEPS:
+        if time.until > _MOST_STEPS * dt:
+            steps = time.until / dt
             raise SceneError(f"time.until = {time.until:g} takes {steps:.3g} steps of {dt:.3g}; that would never end")
-        return time.until / int(steps)
+        if time.step is None:
+            return self.limit.step_for(time.until, time.safety)
+        return time.until / max(1, ceil(time.until / dt - 1e-9))
+
+    @property
+    def notes(self) -> list[str]:
+        """What is allowed and yet looks like a slip of units, in sentences."""
+        time, limit = self.scene.time, self.limit
+        steps = round(time.until / self.dt)
+        out = []
+        if self.dt > limit.dt:
+            out.append(f"time.step = {time.step:g} is {self.dt / limit.dt:.3g} times the stable limit {limit.dt:.4g}")
+        if steps <= 5:
+            out.append(
+                f"the run ends after {steps} steps: time.until = {time.until:g} is {time.until / limit.dt:.3g} times "
+                "the stable limit; are the units of time, stiffness and density those of one system?"
+            )
+        if steps > 1_000_000:
+            out.append(f"the run takes {steps:.3g} steps; are the units of time.until = {time.until:g} what you mean?")
+        return out
 
     def vertices(self, where: Where, path: str) -> Longs:
         """Return the vertices a table selects. Raises :class:`SceneError` when there are none."""

@@ -12,6 +12,7 @@ from .scene import Scene
 
 # so many bonds are made in a second or two; a scene with more is told from estimates
 _TRIED = 3_000_000
+_SECONDS = 22e-9  # per bond and step, two cores (docs/verification.md)
 
 
 def check(scene: Scene) -> list[tuple[str, str]]:
@@ -40,7 +41,10 @@ def check(scene: Scene) -> list[tuple[str, str]]:
         rows.append(("bonds", f"{problem.bonds.nbonds}"))
         with blame("material"):
             _ = problem.body.law
-        rows.append(("steps", f"{ceil(time.until / problem.dt - 1e-9)} of {problem.dt:.4g}"))
+        steps = round(time.until / problem.dt)
+        rows.append(("steps", f"{steps} of {problem.dt:.4g}, {problem.dt / problem.limit.dt:.3g} of the stable limit"))
+        rows.append(("stepping", f"about {steps * problem.bonds.nbonds * _SECONDS:.2g} s"))
+        rows += [("note", note) for note in problem.notes]
     else:
         rows.append(("bonds", f"about {expected}"))
         if time.step is not None:

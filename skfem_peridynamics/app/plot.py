@@ -54,6 +54,8 @@ def plot_damage(path: Path, basis: Basis, u: Floats, intact: Floats, title: str)
         shades = axes.tripcolor(
             p[0], p[1], mesh.t.T, broken, shading="gouraud", cmap=_COLOURS, vmin=0, vmax=1, rasterized=True
         )
+        cracks = (mesh.boundaries or {}).get("slit", ())
+        axes.plot(*p[:, mesh.facets[:, cracks]], color="k", linewidth=1.2)
         axes.set_aspect("equal")
         axes.set_xlabel("x")
         axes.set_ylabel("y")
@@ -72,6 +74,8 @@ def plot_damage(path: Path, basis: Basis, u: Floats, intact: Floats, title: str)
                 for k, side in zip(others, corner, strict=True):
                     line[k] = (low[k], high[k])[side]
                 axes.plot(*line, color="0.7", linewidth=0.8)
+        for facet in mesh.facets[:, (mesh.boundaries or {}).get("slit", ())].T:
+            axes.plot(*p[:, np.append(facet, facet[0])], color="k", linewidth=0.3)
         hurt = np.flatnonzero(broken > 0.05)
         shades = axes.scatter(*p[:, hurt], c=broken[hurt], cmap=_COLOURS, vmin=0, vmax=1, s=6, linewidths=0)
         axes.set_box_aspect((high - low) / (high - low).max(), zoom=1.1)

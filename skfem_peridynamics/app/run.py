@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -22,6 +23,7 @@ from .output import Frames, History, clear, write_summary
 from .reading import SceneError
 from .scene import Scene
 
+_log = logging.getLogger("skfem_peridynamics")
 COLUMNS = (
     "t",
     "step",
@@ -123,6 +125,8 @@ def run(scene: Scene, out: str | Path, progress: Progress | None = None) -> dict
         mass = problem.mass
     with clock.phase("cfl"):
         limit, dt = problem.limit, problem.dt
+    for note in problem.notes:
+        _log.warning(note)
     steps = round(scene.time.until / dt)
     summary: dict[str, Any] = {
         "title": scene.title,
@@ -178,7 +182,7 @@ def run(scene: Scene, out: str | Path, progress: Progress | None = None) -> dict
         summary["status"] = f"stopped: {error}"
         raise SceneError(str(error)) from None
     except BaseException as error:
-        summary["status"] = f"stopped: {error or type(error).__name__}"
+        summary["status"] = f"stopped: {str(error) or type(error).__name__}"
         raise
     finally:
         history.close()
@@ -190,6 +194,7 @@ def run(scene: Scene, out: str | Path, progress: Progress | None = None) -> dict
             summary |= {
                 "energy_drift": float(np.max(np.abs(imbalance), initial=0.0)) / peak,
                 "softened_bonds": int(history.rows[-1][8]) if history.rows else 0,
+                "largest_Z": max((row[9] for row in history.rows), default=0.0),
                 "seconds": {name: round(value, 6) for name, value in clock.seconds.items()},
                 "seconds_per_step": clock.seconds["steps"] / max(1, state.step),
                 "peak_memory_mb": round(peak_memory_mb(), 1),

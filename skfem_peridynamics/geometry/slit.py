@@ -93,9 +93,16 @@ def facets_on(mesh: Mesh, crack: Crack, tolerance: float = 1e-6) -> Longs:
     found = inner[near[on]]
     start, end = (describe_point(p) for p in (crack._points[0], crack._points[-1]))
     if not len(found):
+        body_low, body_high = mesh.p.min(axis=1), mesh.p.max(axis=1)
+        if (high < body_low).any() or (low > body_high).any():
+            raise ValueError(
+                f"crack from {start} to {end} lies outside the body, which reaches from {describe_point(body_low)} "
+                f"to {describe_point(body_high)}"
+            )
+        ends = (mesh.p[:, np.linalg.norm(mesh.p.T - x, axis=1).argmin()] for x in (crack._points[0], crack._points[-1]))
         raise ValueError(
-            f"crack from {start} to {end}: no interior facet of the mesh lies on it; "
-            "it must lie inside the body and facets must follow it"
+            f"crack from {start} to {end}: no interior facet of the mesh lies on it; facets must follow it "
+            f"(the vertices nearest to its ends are at {' and '.join(map(describe_point, ends))})"
         )
     if mesh.dim() > 1:
         covered = _measure(mesh.p[:, mesh.facets[:, found]])

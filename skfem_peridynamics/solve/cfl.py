@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, nan, sqrt
+from math import ceil, inf, nan, sqrt
 
 import numpy as np
 import scipy.sparse as sparse
@@ -44,6 +44,18 @@ class StepLimit:
         """
         ritz = (self.eigenvalue + self.residual) * (1.0 + (_MISSED if self.products else 0.0))
         return 2.0 / sqrt(ritz if ritz < self.nodal_bound else self.nodal_bound)
+
+    def step_for(self, until: float, safety: float = 0.9) -> float:
+        """Return the largest step of at most ``safety`` times the limit that ends a run at ``until`` exactly.
+
+        Raises ``ValueError`` for a time or a safety that is not positive.
+
+        >>> StepLimit(4.0, 0.0, 8.0, 8.0, 8.0, products=0).step_for(2.0)        # the limit is 1
+        0.6666666666666666
+        """
+        if not (np.isfinite(until) and until > 0.0 and safety > 0.0):
+            raise ValueError(f"until = {until} and safety = {safety} must be positive numbers")
+        return until / ceil(until / (safety * self.dt) - 1e-9)
 
     def steps(self) -> dict[str, float]:
         """Return the step that each estimate alone would allow (nan where there is none)."""
