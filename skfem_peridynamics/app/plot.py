@@ -62,6 +62,7 @@ def plot_damage(path: Path, basis: Basis, u: Floats, intact: Floats, title: str)
         figure.colorbar(shades, ax=axes, label="softened bonds, fraction", shrink=0.8)
     else:
         from matplotlib.ticker import MaxNLocator
+        from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
         figure = _figure(8, 5)
         axes = figure.add_subplot(projection="3d")
@@ -74,8 +75,12 @@ def plot_damage(path: Path, basis: Basis, u: Floats, intact: Floats, title: str)
                 for k, side in zip(others, corner, strict=True):
                     line[k] = (low[k], high[k])[side]
                 axes.plot(*line, color="0.7", linewidth=0.8)
-        for facet in mesh.facets[:, (mesh.boundaries or {}).get("slit", ())].T:
-            axes.plot(*p[:, np.append(facet, facet[0])], color="k", linewidth=0.3)
+        cracks = mesh.facets[:, (mesh.boundaries or {}).get("slit", ())]
+        axes.add_collection3d(
+            Poly3DCollection(
+                np.moveaxis(p[:, cracks], 0, 2).swapaxes(0, 1), facecolor="0.8", edgecolor="0.4", linewidth=0.2
+            )
+        )
         hurt = np.flatnonzero(broken > 0.05)
         shades = axes.scatter(*p[:, hurt], c=broken[hurt], cmap=_COLOURS, vmin=0, vmax=1, s=6, linewidths=0)
         axes.set_box_aspect((high - low) / (high - low).max(), zoom=1.1)
