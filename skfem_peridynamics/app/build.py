@@ -17,7 +17,7 @@ from ..bonds.rules import PairRule
 from ..geometry.layers import collar, named_facets, region
 from ..geometry.simplices import vertex_volumes
 from ..geometry.slit import Crack, facets_on, slit
-from ..material.calibration import Material, state
+from ..material.calibration import Material
 from ..model.kernels import block_bytes
 from ..model.loads import layer_share, traction
 from ..model.mass import mass_matrix
@@ -69,9 +69,7 @@ class Problem:
     def material(self) -> Material:
         table = dataclasses.asdict(self.scene.material)
         with blame("material"):
-            material = Material.from_elastic(**table)
-            state(self.mesh.dim(), material.plane)
-        return material
+            return Material.from_elastic(**table)
 
     @cached_property
     def bonds(self) -> BondBasis:
