@@ -183,3 +183,15 @@ def test_a_body_too_flat_for_a_convex_hull():
     mesh = grid((1, 8), (1, 8))
     flat = skfem.MeshTri(mesh.p * np.array([[1.0], [1e-13]]), mesh.t)
     assert sight(flat, 0.2).blocked(np.array([0]), np.array([1])).tolist() == [False]
+
+
+@pytest.mark.parametrize(("dim", "n"), [(2, 10), (3, 4)])
+def test_an_element_sees_all_of_itself_in_bodies_full_of_holes(dim, n):
+    """A quarter of the elements is missing: parts touch in vertices and edges, and corners have no inward direction."""
+    rng = np.random.default_rng(0)
+    for trial in range(20):
+        mesh = box(dim, n, "random" if trial % 2 else "structured", trial)
+        mesh = mesh.restrict(np.flatnonzero(rng.random(mesh.nelements) > 0.25))
+        low, high = np.triu_indices(dim + 1, 1)
+        i, j = (mesh.t[k].ravel().astype(np.int64) for k in (low, high))
+        assert not sight(mesh, 0.3).blocked(i, j).any()
