@@ -2,12 +2,14 @@ from collections import deque
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 from bodies import at_vertices, body_on, box, grid, vector_basis
 from skfem_peridynamics import (
     Exponential,
     Linear,
     Prescribed,
+    Rational,
     UnstableRun,
     body_force,
     central_difference,
@@ -72,7 +74,7 @@ def test_second_order_in_time():
 
     ns = np.array([20, 40, 80, 160])
     for errors in np.array([error(n) for n in ns]).T:
-        assert -np.polyfit(np.log(ns), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.1)
+        assert -np.polyfit(np.log(ns), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.01)  # 1.998 to 2.001
 
 
 def small_body(law, seed=0):
@@ -191,7 +193,7 @@ def test_work_of_loads_and_of_prescribed_motions_balances_the_energy(dim):
     ns = np.array([40, 80, 160])
     drifts, states = zip(*(drift(n) for n in ns), strict=True)
     assert drifts[-1] < 1e-3
-    assert -np.polyfit(np.log(ns), np.log(drifts), 1)[0] == pytest.approx(2.0, abs=0.3)
+    assert -np.polyfit(np.log(ns), np.log(drifts), 1)[0] == pytest.approx(2.0, abs=0.01)  # 2.000
     state = states[-1]
     assert abs(state.energies.work) > 10 * drifts[-1] * state.energies.total
     assert state.u[right * dim] == pytest.approx(0.05 * np.sin(2 * state.t) ** 2, rel=1e-9)
@@ -341,3 +343,33 @@ def test_a_load_may_fill_the_same_array_each_time():
 def test_loads_that_are_none(load, message):
     with pytest.raises(ValueError, match=message):
         last(central_difference(Spring(), np.ones(2), dt=0.1, until=1.0, load=load))
+
+
+@pytest.mark.long
+def test_what_runs_just_above_the_limit_do():
+    """Not every one is caught; the figures are for docs/verification.md. Below the limit none of them gains energy."""
+    silent = []
+    for law in (Exponential(1.0, 1e-2), Rational(1.0, 1e-2), Exponential(1.0, 1.0)):
+        body = body_on(grid((1.0, 12), (1.0, 12)), 0.26, law)
+        M = mass_matrix(body.basis)
+        exact = 2.0 / np.sqrt(eigh(body.stiffness().toarray(), M.toarray(), eigvals_only=True)[-1])
+        smooth = 1e-2 * np.sin(np.pi * body.bonds.mesh.p.T).ravel()
+        for u0 in (smooth, 1e-3 * np.random.default_rng(0).standard_normal(body.basis.N)):
+            for factor in (0.95, 1.003, 1.01):
+                peak, caught = 0.0, False
+                try:
+                    for state in central_difference(body, M, u0, dt=factor * exact, until=2000 * factor * exact):
+                        if state.step % 10 == 0:
+                            peak = max(peak, state.energies.total / state.initial)
+                except UnstableRun:
+                    caught = True
+                if factor < 1.0:
+                    assert not caught
+                    assert peak < 1.05
+                elif not caught:
+                    silent.append(peak)
+    print(
+        f"{len(silent)} of 12 runs just above the limit ended without alarm; peak energies over the initial one: "
+        f"{', '.join(f'{peak:.2f}' for peak in sorted(silent))}"
+    )
+    assert len(silent) < 12

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse
-from scipy.sparse.linalg import ArpackNoConvergence
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from bodies import body_on, box, grid
 from skfem_peridynamics import Crack, Exponential, Linear, mass_matrix, slit, stable_time_step
@@ -65,13 +65,44 @@ def test_closed_form_is_sharper_than_the_papers_by_the_dimension_and_infinite_in
     assert limit.steps()["closed_form"] == 0.0
 
 
-@pytest.mark.parametrize(("dim", "J", "bound"), [(2, "constant", 4.5291), (3, "constant", 2.8034), (2, "conical", 2.0)])
-def test_fine_lattices_come_close_to_the_exact_symbol(dim, J, bound):
-    """rho eps^2 lam / f'(0) of the infinite body; vertex pairs come close to it on fine structured meshes."""
+@pytest.mark.parametrize(
+    ("dim", "J", "bound", "part"),
+    [(2, "constant", 4.5291, 0.9758), (3, "constant", 2.8034, 0.9457), (2, "conical", 2.0, 0.9967)],
+)
+def test_fine_lattices_come_close_to_the_exact_symbol(dim, J, bound, part):
+    """rho eps^2 lam / f'(0) of the infinite body; vertex pairs on structured meshes reach the measured part of it."""
     n, ratio = {2: (40, 8), 3: (14, 4)}[dim]
     body = body_on(box(dim, n), ratio / n, influence=J)
     lam = stable_time_step(body, mass_matrix(body.basis), tolerance=1e-6).eigenvalue * (ratio / n) ** 2
-    assert lam == pytest.approx(bound, rel=0.1)
+    assert lam / bound == pytest.approx(part, abs=2e-3)
+
+
+@pytest.mark.long
+def test_what_lanczos_misses_is_within_the_margin():
+    """Ritz value and residual from four starts on every mesh of this page, against the dense spectrum."""
+    missed, products = [], []
+    for dim, kind, ratio, seed in CASES:
+        n = DIVISIONS[dim]
+        stretch = 1.5 if ratio < 1.5 and kind != "structured" else 1.0
+        body = body_on(box(dim, n, kind, seed), ratio * stretch / n)
+        scale = 1.0 / np.sqrt(mass_matrix(body.basis).diagonal())
+        if len(scale) <= 128:
+            continue
+        A = scale[:, None] * body.stiffness().toarray() * scale
+        exact = np.linalg.eigvalsh(A)[-1]
+        for start in range(4):
+            count = []
+            apply = LinearOperator(A.shape, matvec=lambda x, A=A, count=count: (count.append(1), A @ x)[1], dtype=float)
+            first = np.random.default_rng(start).standard_normal(len(A))
+            value, vector = eigsh(apply, k=1, which="LA", tol=4e-3, ncv=20, maxiter=60, v0=first)
+            residual = np.linalg.norm(A @ vector[:, 0] - value[0] * vector[:, 0])
+            missed.append(exact / (value[0] + residual) - 1.0)
+            products.append(len(count))
+    print(
+        f"low by {max(missed):.1e} at worst, in {sum(m > 1e-12 for m in missed)} of {len(missed)} runs; "
+        f"products: median {np.median(products):.0f}, most {max(products)}"
+    )
+    assert max(missed) < 5e-3
 
 
 def test_gain_over_the_row_sum_of_other_codes():

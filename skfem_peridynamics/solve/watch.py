@@ -10,7 +10,7 @@ from .cfl import StepLimit
 from .state import State
 
 # The alarms. Of the peak energy, what the balance of a run may be off beyond the ripple of its fast modes: round-off in
-# a linear run, 0.0015 in the branching plate, below 0.05 for white noise in a mildly nonlinear law (docs/model.md).
+# a linear run, at most 0.0013 (ripple included) in the branching plate.
 # And how many times the energy put in may be found: at 0.995 of the limit a ripple can reach 100 times.
 BROKEN_BALANCE = 0.1
 ENERGY_FROM_NOWHERE = 100.0
