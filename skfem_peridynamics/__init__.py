@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from ._version import __version__
 from .analysis.damage import Census, Damage, census, damage
 from .analysis.energies import discrete_energy
+from .bonds.ball import BallRule
 from .bonds.bond_basis import BondBasis
 from .bonds.rules import PairRule
 from .geometry.layers import boundary_function, collar, region
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from .app.scene import Scene
 
 __all__ = [
+    "BallRule",
     "BondBasis",
     "Census",
     "Crack",

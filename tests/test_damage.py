@@ -19,7 +19,7 @@ def test_counts_against_a_loop_over_bonds(dim):
         [0.0, 0.0],
     )
     for b, k in enumerate(bonds.measure()):
-        i, j = bonds.order[bonds.bonds.i[b]], bonds.order[bonds.bonds.j[b]]
+        i, j = bonds.ends[:, b]
         xi = mesh.p[:, j] - mesh.p[:, i]
         r = np.linalg.norm(xi)
         S = (U[j] - U[i]) @ xi / r**2

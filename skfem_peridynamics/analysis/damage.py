@@ -11,6 +11,9 @@ from ..model.kernels import Block
 from ..model.peridynamics import Peridynamics
 
 
+_USED = 1e-9  # P1 values below this are round-off: the bond does not use the vertex
+
+
 @dataclass(frozen=True)
 class Census:
     """Bonds counted over the whole body: the largest ``Z = |S| / S_c``, softened bonds, and where the energy sits."""
@@ -32,6 +35,7 @@ class Damage:
 
     ``Z`` (nvertices,) is ``max |S| / S_c`` over the bonds of a vertex, 0 where none can fail; ``intact`` (nvertices,)
     the fraction of a vertex's bonds with ``|S| <= S_c``; ``softened`` counts the others. No-fail bonds are intact.
+    A bond that ends inside an element is a bond of its vertices, by their P1 values.
     """
 
     Z: Floats
@@ -92,27 +96,28 @@ def damage(body: Peridynamics, u: Floats) -> Damage:
     (1, [1.0, 1.0, 0.5, 0.5, 1.0], 14.142136)
     """
     v = body.inward(u)
-    n, dim = body.bonds.mesh.nvertices, body.bonds.dim
-    Z, every, gone = np.zeros(n), np.zeros(n), np.zeros(n)
+    samples = body.bonds.samples
+    Z, every, gone = np.zeros(samples.nsamples), np.zeros(samples.nsamples), np.zeros(samples.nsamples)
 
-    def look(block: Block) -> tuple[slice, Floats, Floats, Floats]:
-        low, width = block.first // dim, block.B.shape[1] // dim
-        ratio = _ratio(block, block.strains(v))
-        soft = np.flatnonzero(ratio > 1.0)
-        largest, count, lost = np.zeros(width), np.zeros(width), np.zeros(width)
-        for end in block.ends(dim):
-            place = end - low
-            np.maximum.at(largest, place, ratio)
-            count += np.bincount(place, minlength=width)
-            if len(soft):
-                lost += np.bincount(place[soft], minlength=width)
-        return slice(low, low + width), largest, count, lost
+    def look(block: Block) -> tuple[slice, Floats, Floats, Floats, int]:
+        C, ratio, live = block.incidence(1.0), _ratio(block, block.strains(v)), block.k > 0.0
+        soft = (ratio > 1.0) & live
+        largest = np.zeros(block.part.width)
+        used = C.data.ravel() > _USED
+        np.maximum.at(largest, C.indices[used], np.repeat(ratio * live, np.diff(C.indptr))[used])
+        lost = C.T @ soft.astype(float) if soft.any() else np.zeros_like(largest)
+        return block.window, largest, C.T @ live.astype(float), lost, int(soft.sum())
 
-    for window, largest, count, lost in body.team.map(look, body.blocks):
+    softened = 0
+    for window, largest, count, lost, number in body.team.map(look, body.blocks):
         np.maximum(Z[window], largest, out=Z[window])
         every[window] += count
         gone[window] += lost
-    intact = 1.0 - gone / np.maximum(every, 1.0)
-    back = np.empty_like(body.bonds.order)
-    back[body.bonds.order] = np.arange(n)
-    return Damage(Z[back], intact[back], round(float(gone.sum())) // 2)
+        softened += number
+    intact = 1.0 - samples.spread(gone) / np.maximum(samples.spread(every), np.finfo(float).tiny)
+    if samples.at_vertices:
+        return Damage(samples.spread(Z), intact, softened)
+    at_vertices = np.zeros(len(intact))
+    used = samples.values > _USED
+    np.maximum.at(at_vertices, samples.vertices[used], np.broadcast_to(Z[:, None], used.shape)[used])
+    return Damage(at_vertices, intact, softened)

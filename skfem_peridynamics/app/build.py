@@ -18,7 +18,8 @@ from ..geometry.layers import collar, named_facets, region
 from ..geometry.simplices import vertex_volumes
 from ..geometry.slit import Crack, facets_on, slit
 from ..material.calibration import Material
-from ..model.kernels import block_bytes
+from ..bonds.parts import PairPart
+from ..model.kernels import matrix_bytes
 from ..model.loads import layer_share, traction
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics
@@ -88,7 +89,7 @@ class Problem:
                 f"{free_memory() / 1e9:.3g} GB are free: take a smaller horizon or a coarser mesh"
             )
         with blame("bonds"):
-            _ = bonds.bonds  # made here, where a vertex without a bond has a key to blame
+            _ = bonds.parts  # made here, where a vertex without a bond has a key to blame
         return bonds
 
     @cached_property
@@ -100,7 +101,7 @@ class Problem:
     def expected_bytes(self) -> int:
         """Memory of the run: bonds as listed and as blocks, the mesh, fields, and what the program itself takes."""
         dim, nvertices, nelements = (int(x) for x in (self.mesh.dim(), self.mesh.nvertices, self.mesh.nelements))
-        per_bond = 16 + 24 + block_bytes(1, dim)
+        per_bond = 24 + 40 + matrix_bytes(1, dim, PairPart)
         return self.expected_bonds * per_bond + 60 * 8 * dim * nvertices + 200 * dim * nelements + _PROGRAM
 
     @cached_property

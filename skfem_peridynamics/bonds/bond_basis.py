@@ -13,18 +13,19 @@ import numpy.typing as npt
 
 from .._types import Basis, Bools, Floats, Longs, Mesh
 from ..geometry.layers import boundary_function, distance_to_facets
-from ..geometry.simplices import check_simplices, facet_directions, vertex_sizes, vertex_volumes
+from ..geometry.simplices import check_simplices, vertex_sizes
 from ..material.calibration import UNIT_BALL
 from ..material.influence import Influence, as_influence
-from .neighbours import sweep_order
-from .rules import BondList, PairRule
+from .parts import PairPart, Part
+from .rules import PairRule, Rule
+from .samples import Samples
 
 
 @dataclass(frozen=True, eq=False)
 class BondBasis:
     """The bonds of a body: everything about the double integral that does not depend on the material.
 
-    ``basis`` is a vector P1 basis, ``skfem.Basis(mesh, ElementVector(ElementTriP1()))`` or its line and tetrahedron
+    ``space`` is a vector P1 basis, ``skfem.Basis(mesh, ElementVector(ElementTriP1()))`` or its line and tetrahedron
     forms; ``horizon`` a length in the units of the mesh; ``influence`` a function ``J(s)`` or its name;
     ``boundary_function`` is ``None`` (a free body, w = 1), ``"smooth"`` (the paper's w, see
     :func:`~skfem_peridynamics.geometry.layers.boundary_function`) or an array of values at the vertices.
@@ -38,22 +39,22 @@ class BondBasis:
     (15, 0.5)
     """
 
-    basis: Basis
+    space: Basis
     horizon: float
     influence: Influence | str | Callable[[Floats], Floats] = "constant"
-    rule: PairRule = field(default_factory=PairRule)
+    rule: Rule = field(default_factory=PairRule)
     boundary_function: str | npt.ArrayLike | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.horizon) and self.horizon > 0.0):
             raise ValueError(f"horizon = {self.horizon} must be a positive length")
         object.__setattr__(self, "influence", as_influence(self.influence))
-        mesh = self.basis.mesh
+        mesh = self.space.mesh
         check_simplices(mesh)
         expected = np.arange(mesh.dim() * mesh.nvertices).reshape(-1, mesh.dim()).T
-        if expected.size != self.basis.N or not np.array_equal(self.basis.nodal_dofs, expected):
+        if expected.size != self.space.N or not np.array_equal(self.space.nodal_dofs, expected):
             raise ValueError(
-                f"basis has {self.basis.N} degrees of freedom; bonds need the vector P1 basis of the mesh "
+                f"basis has {self.space.N} degrees of freedom; bonds need the vector P1 basis of the mesh "
                 f"({expected.size}): skfem.Basis(mesh, ElementVector(P1 element of the mesh))"
             )
 
@@ -63,15 +64,15 @@ class BondBasis:
 
     @property
     def mesh(self) -> Mesh:
-        return self.basis.mesh
+        return self.space.mesh
 
     @property
     def dim(self) -> int:
-        return int(self.basis.mesh.dim())
+        return int(self.space.mesh.dim())
 
     @property
     def nbonds(self) -> int:
-        return self.bonds.nbonds
+        return sum(part.nbonds for part in self.parts)
 
     @property
     def prefactor(self) -> float:
@@ -79,24 +80,19 @@ class BondBasis:
         return float(1.0 / (self.horizon ** (self.dim + 1) * UNIT_BALL[self.dim]))
 
     @cached_property
-    def order(self) -> Longs:
-        """The vertex at each internal place: bonds number vertices along the body, not as the mesh file does."""
-        return sweep_order(self.mesh.p)
+    def samples(self) -> Samples:
+        """The points where the rule reads the displacement, numbered along the body."""
+        return self.rule.samples(self.mesh)
 
     @cached_property
-    def points(self) -> Floats:
-        """Vertices in internal order, (dim, n)."""
-        points: Floats = np.ascontiguousarray(self.mesh.p[:, self.order])
-        return points
+    def parts(self) -> list[Part]:
+        """The bonds, a part of them at a time."""
+        assert isinstance(self.influence, Influence)
+        return self.rule.parts(self.mesh, self.samples, self.horizon, self.influence)
 
     @cached_property
-    def bonds(self) -> BondList:
-        """Ends (internal numbers) and weights of all bonds."""
-        return self.rule.bonds(self.mesh, self.horizon, self.order)
-
-    @cached_property
-    def vertex_weight(self) -> Floats | None:
-        """The boundary function w at the vertices in internal order, or None where it is 1."""
+    def sample_weight(self) -> Floats | None:
+        """The boundary function w at the samples, or None where it is 1 everywhere."""
         if self.boundary_function is None:
             return None
         if isinstance(self.boundary_function, str):
@@ -110,20 +106,53 @@ class BondBasis:
                     f"boundary_function must give one value between 0 and 1 for each of the {self.mesh.nvertices} "
                     f"vertices; its shape is {w.shape}"
                 )
-        return w[self.order]
+        return self.samples.take(w)
 
-    def vectors(self, part: slice | Longs = slice(None)) -> Floats:
-        """Return ``xi = y - x`` of some bonds, (dim, nbonds)."""
-        return self.points[:, self.bonds.j[part]] - self.points[:, self.bonds.i[part]]
+    def measure_of(self, part: Part) -> Floats:
+        """Return ``k = c weight w(x) w(y) J(r / horizon)`` of a part: ``PD = sum k f(r S^2)``, (nbonds,)."""
+        return self.prefactor * self.share_of(part)
 
-    def measure(self, part: slice | Longs = slice(None)) -> Floats:
-        """Return ``k = c weight w(x) w(y) J(r / horizon)`` of some bonds: ``PD = sum k f(r S^2)``, (nbonds,)."""
-        bonds = self.bonds
-        r = np.linalg.norm(self.vectors(part), axis=0)
-        k: Floats = self.prefactor * bonds.weight[part] * as_influence(self.influence)(r / self.horizon)
-        if self.vertex_weight is not None:
-            k *= self.vertex_weight[bonds.i[part]] * self.vertex_weight[bonds.j[part]]
-        return k
+    def share_of(self, part: Part) -> Floats:
+        """Return ``weight w(x) w(y) J(r / horizon)`` of a part, (nbonds,)."""
+        share: Floats = part.weight * self.influence_of(part)
+        w = self.sample_weight
+        if w is not None:
+            share *= part.near(w)
+            share *= np.clip(part.far(w), 0.0, 1.0)
+        return share
+
+    def influence_of(self, part: Part) -> Floats:
+        """Return ``J(r / horizon)`` of a part, (nbonds,)."""
+        return as_influence(self.influence)(np.linalg.norm(part.vectors(), axis=1) / self.horizon)
+
+    def vectors(self) -> Floats:
+        """Return ``xi = y - x`` of all bonds, (dim, nbonds)."""
+        return np.concatenate([part.vectors() for part in self.parts]).T
+
+    @property
+    def weight(self) -> Floats:
+        """Weights of the plain double integral, (nbonds,)."""
+        return np.concatenate([part.weight for part in self.parts])
+
+    def measure(self) -> Floats:
+        """Return ``k`` of all bonds, see :meth:`measure_of`."""
+        return np.concatenate([self.measure_of(part) for part in self.parts])
+
+    @property
+    def ends(self) -> Longs:
+        """The vertices (mesh numbers) at the ends of each bond of vertex pairs, (2, nbonds).
+
+        Raises ``ValueError`` for other rules: their ends are points in elements, see :meth:`Part.sides`.
+        """
+        if not self.samples.at_vertices or not all(isinstance(part, PairPart) for part in self.parts):
+            raise ValueError(f"rule = {self.rule.name}: its bonds do not end at vertices")
+        ends = np.concatenate([part.ends + part.first for part in self.parts if isinstance(part, PairPart)])
+        return self.samples.vertices[ends.T, 0].astype(np.int64)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the bond list."""
+        return sum(part.nbytes for part in self.parts)
 
     @cached_property
     def interior(self) -> Bools:
@@ -140,34 +169,17 @@ class BondBasis:
 
     @cached_property
     def discrete_moments(self) -> tuple[float, float]:
-        """What these bonds make of ``M_d``, for strains and for cracks: means over vertices deeper than the horizon.
+        """What these bonds make of ``M_d``, for strains and for cracks: means over points deeper than the horizon.
 
         The elastic energy, averaged over directions, is proportional to ``sum weight J r``. A plane crack with normal
-        n costs ``sum weight J |xi.n|``; its mean over all n is the same sum, but a lattice of vertices is not
-        isotropic, and cracks run along facets: it is averaged over the facets of the mesh, by area, where the mesh
-        has few directions of them. Raises ``ValueError`` when no vertex is deep enough.
+        n, at any level, opens a P1 field across one row of elements: it breaks the bonds whose ends use vertices on
+        both sides. Averaged over the level that is ``sum weight J L``, L the extent along n of the vertices that a
+        bond uses; for vertex pairs ``L = |xi.n|``. A ball rule breaks bonds that merely end in the row, and costs more.
+        The mean over all n is not enough on a lattice, which is not isotropic, and cracks run along facets: it is
+        averaged over the facets of the mesh, by area, where the mesh has few directions of them.
+
+        Raises ``ValueError`` when no point is deep enough.
         """
-        deep = self.interior[self.order]
-        if not deep.any():
-            raise ValueError(
-                f"horizon = {self.horizon:g}: no vertex lies deeper than it inside the body, so the moment of the "
-                "bonds cannot be measured; use the continuum calibration"
-            )
-        influence = as_influence(self.influence)
-        normals, share = facet_directions(self.mesh)
-        strain = crack = 0.0
-        for start in range(0, self.nbonds, 1 << 17):
-            part = slice(start, start + (1 << 17))
-            xi = self.vectors(part)
-            r = np.linalg.norm(xi, axis=0)
-            ends = deep[self.bonds.i[part]].astype(float) + deep[self.bonds.j[part]]
-            weight = ends * self.bonds.weight[part] * influence(r / self.horizon)
-            strain += float(weight @ r)
-            crack += sum(float(weight @ np.abs(n @ xi)) * s for n, s in zip(normals.T, share, strict=True))
-        dim = self.dim
-        volume = float(vertex_volumes(self.mesh)[self.order][deep].sum())
-        scale = self.prefactor / (2.0 * dim * volume)
-        if not len(share):
-            return scale * strain, scale * strain
-        # the mean of |e.n| over the sphere is 2 omega_{d-1} / (d omega_d)
-        return scale * strain, scale * crack * dim * UNIT_BALL[dim] / (2.0 * UNIT_BALL[dim - 1])
+        from .moments import discrete_moments
+
+        return discrete_moments(self)

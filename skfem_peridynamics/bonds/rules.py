@@ -1,38 +1,42 @@
-"""Quadrature rules of the double integral: which bonds, with what weights.
-
-A rule turns a mesh into a :class:`BondList`. Any rule may list bonds between points of elements; the pair rule's
-points are the vertices themselves.
-"""
+"""Pair rules of the double integral: all pairs of one point set within the horizon."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.csgraph import connected_components
 
 from .._types import Floats, Ints, Longs, Mesh
-from ..geometry.simplices import describe_point, vertex_sizes, vertex_volumes
+from ..geometry.simplices import describe_point, vertex_sizes
 from ..geometry.visibility import sight
+from ..material.influence import Influence
+from . import parts
 from .neighbours import RIM, estimate_pairs, pairs_within
+from .parts import PairPart, Part
+from .samples import Samples, gauss_samples, vertex_samples
 
 
-@dataclass(frozen=True)
-class BondList:
-    """Unordered bonds between vertices: ends ``i < j`` (sorted by i) and quadrature weights, each (nbonds,).
+class Rule(Protocol):
+    """A quadrature of the double integral over D x D.
 
-    ``weight`` integrates the double integral over D x D, each unordered pair standing for both orders.
+    Bonds of a ``symmetric`` rule stand for both orders of their ends; the others are directed, from x to y.
     """
 
-    i: Ints
-    j: Ints
-    weight: Floats
+    @property
+    def name(self) -> str: ...
 
     @property
-    def nbonds(self) -> int:
-        return len(self.i)
+    def symmetric(self) -> bool: ...
+
+    def samples(self, mesh: Mesh) -> Samples: ...
+
+    def estimate(self, mesh: Mesh, horizon: float) -> int: ...
+
+    def parts(self, mesh: Mesh, samples: Samples, horizon: float, influence: Influence) -> list[Part]: ...
 
 
 def _pieces(groups: Ints, n: int | None = None) -> int:
@@ -45,71 +49,117 @@ def _pieces(groups: Ints, n: int | None = None) -> int:
 
 @dataclass(frozen=True)
 class PairRule:
-    """All pairs of vertices within the horizon, each vertex standing for its share of the elements.
+    """All pairs of points within the horizon, each point standing for its share of the elements.
 
+    ``points`` are the ``"vertices"`` (the classical meshfree method) or the ``"gauss"`` points of the elements.
     ``partial_volume`` scales the weight of a pair near the rim by the part of the neighbour's cell that lies in the
     ball, ``clip((horizon + h/2 - r)/h, 0, 1)`` with h the neighbour's size, averaged over the two ends so that the
     form stays symmetric. Without it a pair counts fully up to the horizon, rim included.
 
     >>> import skfem
-    >>> mesh = skfem.MeshLine(np.linspace(0, 1, 5))
-    >>> PairRule().bonds(mesh, 0.25, order=np.arange(5)).weight.tolist()  # half of each neighbour is in the ball
+    >>> mesh, rule = skfem.MeshLine(np.linspace(0, 1, 5)), PairRule()
+    >>> part, = rule.parts(mesh, rule.samples(mesh), 0.25, Influence("constant", np.ones_like))
+    >>> part.weight.tolist()                                     # half of each neighbour is in the ball
     [0.03125, 0.0625, 0.0625, 0.03125]
     """
 
     partial_volume: bool = True
+    points: str = "vertices"
+
+    def __post_init__(self) -> None:
+        if self.points not in ("vertices", "gauss"):
+            raise ValueError(f'points = {self.points!r} must be "vertices" or "gauss"')
 
     @property
     def name(self) -> str:
-        return "vertex pairs, partial volume" if self.partial_volume else "vertex pairs"
+        kind = "vertex pairs" if self.points == "vertices" else "Gauss-point pairs"
+        return f"{kind}, partial volume" if self.partial_volume else kind
 
-    def reach(self, mesh: Mesh, horizon: float) -> float:
-        """Return the length of the longest bond that can carry weight."""
-        return horizon + (0.5 * float(vertex_sizes(mesh).max()) if self.partial_volume else 0.0)
+    @property
+    def symmetric(self) -> bool:
+        return True
+
+    def samples(self, mesh: Mesh) -> Samples:
+        """Return the point set."""
+        return vertex_samples(mesh) if self.points == "vertices" else gauss_samples(mesh, with_vertices=False)
+
+    def _reach(self, horizon: float, size: Floats) -> float:
+        return horizon + (0.5 * float(size.max()) if self.partial_volume else 0.0)
 
     def estimate(self, mesh: Mesh, horizon: float) -> int:
         """Return about how many bonds there will be, before any is made."""
-        return estimate_pairs(mesh.p, self.reach(mesh, horizon))
+        samples = self.samples(mesh)
+        return estimate_pairs(samples.points.T, self._reach(horizon, samples.size))
 
-    def bonds(self, mesh: Mesh, horizon: float, order: Longs) -> BondList:
-        """Return the bonds; their ends are places in ``order``, which lists the vertices.
+    def parts(self, mesh: Mesh, samples: Samples, horizon: float, influence: Influence) -> list[Part]:
+        """Return the bonds, ends sorted.
 
-        Raises ``ValueError`` for a vertex that is left without a bond, or when the bonds fall into more pieces than the
+        Raises ``ValueError`` for a point that is left without a bond, or when the bonds fall into more pieces than the
         mesh.
         """
-        i, j, weight = (np.concatenate(part) for part in zip(*self._chunks(mesh, horizon, order), strict=True))
-        degree = np.bincount(i, minlength=mesh.nvertices) + np.bincount(j, minlength=mesh.nvertices)
-        lonely = order[degree == 0]
+        made = list(self._parts(mesh, samples, horizon))
+        degree = np.zeros(samples.nsamples, dtype=np.int64)
+        for part in made:
+            window = slice(part.first, part.first + part.width)
+            degree[window] += np.bincount(part.ends.ravel(), minlength=part.width)
+        lonely = np.flatnonzero(degree == 0)
         if len(lonely):
+            vertex = samples.vertices[lonely[0], 0]
             raise ValueError(
-                f"horizon = {horizon:g} leaves vertex {lonely[0]} at {describe_point(mesh.p[:, lonely[0]])} without a "
-                f"bond ({len(lonely)} of {mesh.nvertices} vertices); the mesh size there is "
-                f"{vertex_sizes(mesh)[lonely[0]]:.3g}: take a larger horizon or a finer mesh"
+                f"horizon = {horizon:g} leaves vertex {vertex} at {describe_point(mesh.p[:, vertex])} without a "
+                f"bond ({len(lonely)} of {samples.nsamples} {self.points}); the mesh size there is "
+                f"{vertex_sizes(mesh)[vertex]:.3g}: take a larger horizon or a finer mesh"
             )
-        pieces, bonded = _pieces(mesh.t), _pieces(np.stack([i, j]), mesh.nvertices)
+        ends = np.concatenate([part.ends + np.int32(part.first) for part in made])
+        pieces, bonded = _pieces(mesh.t), _pieces(ends.T, samples.nsamples)
         if bonded > pieces:
             raise ValueError(
                 f"horizon = {horizon:g} leaves the bonds in {bonded} separate pieces, the mesh has {pieces}: in some "
                 "direction the mesh is coarser than the horizon; take a larger horizon or a finer mesh"
             )
-        return BondList(i, j, weight)
+        return list(made)
 
-    def _chunks(self, mesh: Mesh, horizon: float, order: Longs) -> Iterator[tuple[Ints, Ints, Floats]]:
-        volume, size = vertex_volumes(mesh)[order], vertex_sizes(mesh)[order]
-        reach = self.reach(mesh, horizon)
-        see = sight(mesh, reach)
-        for i, j, r in pairs_within(np.ascontiguousarray(mesh.p[:, order]), reach):
-            part = self._part(r, size, i, j, horizon)
-            keep = np.flatnonzero(part > RIM)
-            keep = keep[~see.blocked(order[i[keep]], order[j[keep]])]
+    def _parts(self, mesh: Mesh, samples: Samples, horizon: float) -> Iterator[PairPart]:
+        held: list[tuple[Ints, Floats]] = []
+        count = 0
+        for ends, weight in self._chunks(mesh, samples, horizon):
+            held.append((ends, weight))
+            count += len(weight)
+            if count >= parts.BLOCK:
+                ends, weight = (np.concatenate(column) for column in zip(*held, strict=True))
+                whole = count - count % parts.BLOCK
+                for low in range(0, whole, parts.BLOCK):
+                    part = slice(low, low + parts.BLOCK)
+                    yield _part(samples, ends[part], weight[part])
+                held, count = [(ends[whole:], weight[whole:])], count - whole
+        if count:
+            yield _part(samples, *(np.concatenate(column) for column in zip(*held, strict=True)))
+
+    def _chunks(self, mesh: Mesh, samples: Samples, horizon: float) -> Iterator[tuple[Ints, Floats]]:
+        volume, size, points = samples.volume, samples.size, samples.points.T
+        reach = self._reach(horizon, size)
+        if self.points == "vertices":
+            see, number = sight(mesh, reach), samples.vertices[:, 0].astype(np.int64)
+        else:
+            see, number = sight(mesh, reach, points, size), np.arange(samples.nsamples)
+        for i, j, r in pairs_within(np.ascontiguousarray(points), reach):
+            share = self._share(r, size, i, j, horizon)
+            keep = np.flatnonzero(share > RIM)
+            keep = keep[~see.blocked(number[i[keep]], number[j[keep]])]
             i, j = i[keep], j[keep]
-            yield i.astype(np.int32), j.astype(np.int32), 2.0 * volume[i] * volume[j] * part[keep]
+            yield np.stack([i, j], axis=1).astype(np.int32), 2.0 * volume[i] * volume[j] * share[keep]
 
-    def _part(self, r: Floats, size: Floats, i: Longs, j: Longs, horizon: float) -> Floats:
+    def _share(self, r: Floats, size: Floats, i: Longs, j: Longs, horizon: float) -> Floats:
         if not self.partial_volume:
             return np.ones_like(r)
-        part = np.zeros_like(r)
+        share = np.zeros_like(r)
         for end in (i, j):
             h = size[end]
-            part += 0.5 * np.clip((horizon + 0.5 * h - r) / h, 0.0, 1.0)
-        return part
+            share += 0.5 * np.clip((horizon + 0.5 * h - r) / h, 0.0, 1.0)
+        return share
+
+
+def _part(samples: Samples, ends: Ints, weight: Floats) -> PairPart:
+    first = int(ends.min())
+    width = int(ends.max()) + 1 - first
+    return PairPart(samples, first, width, np.ascontiguousarray(ends - np.int32(first)), np.ascontiguousarray(weight))

@@ -83,7 +83,7 @@ class Facets:
 class Sight:
     """Decide visibility on one mesh; build it with :func:`sight`.
 
-    ``points`` are the inset vertices (dim, n) and ``size`` their sizes; ``blocking`` the facets that can block,
+    ``points`` are the inset vertices (dim, n), or points inside elements as they are, and ``size`` their sizes; ``blocking`` the facets that can block,
     ``boundary`` all facets near those; ``near`` marks the vertices that have a blocking facet within reach; ``edges``
     are the mesh edges there, as sorted numbers ``low * nvertices + high``.
     """
@@ -153,8 +153,10 @@ def _sideways(direction: Floats) -> list[Floats]:
     return out
 
 
-def sight(mesh: Mesh, reach: float) -> Sight:
-    """Prepare the visibility test for bonds no longer than ``reach``.
+def sight(mesh: Mesh, reach: float, points: Floats | None = None, size: Floats | None = None) -> Sight:
+    """Prepare the visibility test for bonds no longer than ``reach`` between the vertices.
+
+    Or between ``points`` (dim, n) strictly inside elements, with the ``size`` (n,) of what each stands for.
 
     >>> import skfem
     >>> m = skfem.MeshTri.init_lshaped().refined(2)           # the quarter x > 0, y > 0 is cut out
@@ -168,7 +170,8 @@ def sight(mesh: Mesh, reach: float) -> Sight:
     facets = mesh.boundary_facets()
     normal, _ = outward_normals(mesh, facets)
     corners = mesh.p[:, mesh.facets[:, facets]]
-    size = vertex_sizes(mesh)
+    inside = points is not None
+    points, size = (mesh.p, vertex_sizes(mesh)) if points is None or size is None else (points, size)
     # a facet can block only when the body reaches beyond its plane
     hull = _extreme(mesh.p)
     extent = float(np.ptp(hull, axis=1).max())
@@ -182,15 +185,17 @@ def sight(mesh: Mesh, reach: float) -> Sight:
     middle = corners.mean(axis=1)
     _, first = np.unique(np.round((middle - middle.min(axis=1, keepdims=True)) / extent, 12), axis=1, return_index=True)
     standing = np.intersect1d(np.flatnonzero(blocking), first)
-    near, around = np.zeros(mesh.nvertices, dtype=bool), np.zeros(len(facets), dtype=bool)
+    near, around = np.zeros(points.shape[1], dtype=bool), np.zeros(len(facets), dtype=bool)
     block = Facets.of(corners[:, :, standing], normal[:, standing], extent)
     if len(standing):
         tree = cKDTree(block.middle.T)
-        near = np.isfinite(tree.query(mesh.p.T, distance_upper_bound=(reach + block.radius) * (1.0 + 1e-9))[0])
-        around[first] = near[mesh.facets[:, facets[first]]].any(axis=0)
+        far = (reach + block.radius) * (1.0 + 1e-9)
+        near = np.isfinite(tree.query(points.T, distance_upper_bound=far)[0])
+        close = np.isfinite(tree.query(mesh.p.T, distance_upper_bound=far)[0]) if inside else near
+        around[first] = close[mesh.facets[:, facets[first]]].any(axis=0)
     boundary = Facets.of(corners[:, :, around], normal[:, around], extent)
-    if not len(standing):
-        return Sight(mesh.p, size, block, boundary, near, np.empty(0, dtype=np.int64))
+    if inside or not len(standing):
+        return Sight(points, size, block, boundary, near, np.empty(0, dtype=np.int64))
     inward = _inward(mesh, facets, normal)
     return Sight(mesh.p + _INSET * size * inward, size, block, boundary, near, _edges(mesh, near))
 

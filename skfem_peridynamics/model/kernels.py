@@ -1,13 +1,16 @@
 """Blocks of bonds, the unit in which the model computes.
 
-With ``T = B U`` the scaled strains of the bonds (``T = sqrt(r) S``, linear in the nodal values), every operator is
+With ``T = B U`` the scaled strains of the bonds (``T = sqrt(r) S``, linear in the sampled values), every operator is
 
     energy   sum k F1(T)          force  -B^T (k F1'(T))          tangent  B^T diag(k F1''(T)) B
 
-so a block holds the sparse matrix B of its bonds, the measures k and its law. B is stored once; its transpose is
-the same memory read by columns. Blocks are fixed at set-up, each writes to a window of its own and the windows are
-added in order: the result has the same bits for any number of threads. SciPy's products and NumPy's loops release
-the interpreter lock, so blocks run in threads.
+so a block is a part of the bond list with its measures k and a law. For a directed rule the force acts on x only, and
+twice the rows of x stand in for B^T. The matrix B takes several times the memory of the list; it is kept where that is
+allowed, and remade from the list at every use where it is not: the same formulas, the same bits.
+
+Blocks are fixed at set-up, each writes to a window of its own and the windows are added in order: the result has the
+same bits for any number of threads. SciPy's products and NumPy's loops release the interpreter lock, so blocks run in
+threads.
 """
 
 from __future__ import annotations
@@ -22,100 +25,128 @@ import scipy.sparse as sparse
 
 from .._types import Csr, Floats, Longs
 from ..bonds.bond_basis import BondBasis
+from ..bonds.parts import BallPart, PairPart, Part
 from ..material.potential import Potential
-
-BLOCK = 1 << 17  # bonds: large enough to outweigh the calls, small enough to stay in cache
 
 _T = TypeVar("_T")
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Some bonds of one law. ``first`` is the first degree of freedom (internal order) of its window."""
+    """Some bonds of one law: those of a part, or the ones that ``which`` lists."""
 
     law: Potential
-    first: int
-    B: Csr
-    BT: sparse.csc_matrix
+    part: Part
     k: Floats
+    which: Longs | None
+    symmetric: bool
+    keep: bool
 
     @property
     def window(self) -> slice:
-        return slice(self.first, self.first + self.B.shape[1])
+        """The samples that the block reads and writes."""
+        return slice(self.part.first, self.part.first + self.part.width)
+
+    def incidence(self, sign: float = -1.0) -> Csr:
+        """Return the matrix of ``v(y) + sign v(x)`` on the window, csr (nbonds, width)."""
+        C = self.part.incidence(sign)
+        return C if self.which is None else C[self.which]
+
+    def directions(self) -> Floats:
+        """``e / sqrt(r)`` of each bond, (nbonds, dim); 0 where a ray left the body at once."""
+        xi = self.part.vectors() if self.which is None else self.part.vectors()[self.which]
+        r2 = np.einsum("nd,nd->n", xi, xi)
+        # T = sqrt(r) S = xi.(u_y - u_x) / r^(3/2)
+        root = np.sqrt(r2)
+        root *= np.sqrt(root)
+        xi /= np.where(root > 0.0, root, 1.0)[:, None]
+        return xi
+
+    def _make(self) -> tuple[Csr, Csr]:
+        """B, and the matrix whose transpose spreads bond forces: B itself, or twice its rows of x."""
+        C, p = self.incidence(), self.directions()
+        n, dim = p.shape
+        columns = C.indices.reshape(n, -1)
+        B = _times(C.data.reshape(n, -1), columns, p, self.part.width * dim)
+        if self.symmetric:
+            return B, B
+        return B, _times(np.full((n, 1), -2.0), columns[:, :1], p, self.part.width * dim)
+
+    def matrices(self) -> tuple[Csr, Csr]:
+        """Return B and X: strains are ``B u``, forces ``-X^T g``; X is B for a symmetric rule."""
+        if not self.keep:
+            return self._make()
+        made: tuple[Csr, Csr] | None = self.__dict__.get("_kept")
+        if made is None:
+            made = self._make()
+            self.__dict__["_kept"] = made
+        return made
 
     def strains(self, u: Floats) -> Floats:
-        """Scaled strains T of the bonds for all nodal values u (internal order)."""
-        T: Floats = self.B @ u[self.window]
+        """Scaled strains T of the bonds for all samples u, (nsamples, dim)."""
+        T: Floats = self.matrices()[0] @ u[self.window].ravel()
         return T
 
     def energy(self, u: Floats) -> float:
         return float(self.k @ self.law.energy(self.strains(u)))
 
     def force(self, u: Floats) -> Floats:
-        g = self.law.gradient(self.strains(u))
+        """Minus the force on the samples of the window, (width, dim)."""
+        B, X = self.matrices()
+        g = self.law.gradient(B @ u[self.window].ravel())
         g *= self.k
-        F: Floats = self.BT @ g
-        return F
+        F: Floats = X.T @ g
+        return F.reshape(self.part.width, -1)
 
-    def product(self, weight: Floats, v: Floats) -> Floats:
-        """``B^T diag(weight) B v`` on the window."""
-        T = self.strains(v)
+    def product(self, weight: Floats, v: Floats, transposed: bool = False) -> Floats:
+        """``X^T diag(weight) B v`` on the window, or its transpose."""
+        B, X = self.matrices()
+        if transposed:
+            B, X = X, B
+        T = B @ v[self.window].ravel()
         T *= weight
-        out: Floats = self.BT @ T
-        return out
-
-    def ends(self, dim: int) -> tuple[Longs, Longs]:
-        """Internal numbers of the two vertices of each bond."""
-        column = self.B.indices.reshape(-1, 2 * dim)
-        first = self.first // dim
-        return column[:, 0] // dim + first, column[:, 1] // dim + first
-
-    def directions(self, dim: int) -> Floats:
-        """``e / sqrt(r)`` of each bond, (nbonds, dim)."""
-        data: Floats = self.B.data.reshape(-1, dim, 2)[:, :, 1]
-        return data
+        out: Floats = X.T @ T
+        return out.reshape(self.part.width, -1)
 
 
-def make_blocks(bonds: BondBasis, law: Potential, which: Longs | None = None) -> Iterator[Block]:
-    """Yield the blocks of a law over some bonds (all, when ``which`` is None); bonds of zero measure are left out."""
-    count = bonds.nbonds if which is None else len(which)
-    dim = bonds.dim
-    for start in range(0, count, BLOCK):
-        part: slice | Longs = slice(start, min(start + BLOCK, count))
-        if which is not None:
-            part = which[part]
-        k = bonds.measure(part)
-        i, j, xi = bonds.bonds.i[part], bonds.bonds.j[part], bonds.vectors(part)
-        live = k > 0.0
-        if not live.all():
-            k, i, j, xi = k[live], i[live], j[live], xi[:, live]
-        if not len(k):
-            continue
-        low, high = int(min(i.min(), j.min())), int(max(i.max(), j.max()))
-        # T = sqrt(r) S = xi.(u_j - u_i) / r^(3/2)
-        xi = xi / (xi * xi).sum(axis=0) ** 0.75
-        # component by component, -x before y: a translation then cancels exactly, not to round-off
-        columns = np.empty((len(k), dim, 2), dtype=np.int32)
-        for side, end in enumerate((i, j)):
-            columns[:, :, side] = (end - low)[:, None] * dim + np.arange(dim, dtype=np.int32)
-        B = sparse.csr_matrix(
-            (
-                np.stack([-xi, xi], axis=2).swapaxes(0, 1).ravel(),
-                columns.ravel(),
-                np.arange(len(k) + 1, dtype=np.int32) * (2 * dim),
-            ),
-            shape=(len(k), (high - low + 1) * dim),
-        )
-        yield Block(law, low * dim, B, B.T, k)
+def _times(value: Floats, columns: Floats, p: Floats, width: int) -> Csr:
+    """Rows ``value_k p_a`` at the degrees of freedom ``(column_k, a)``."""
+    n, dim = p.shape
+    # component by component, -x before y: a translation of vertices then cancels exactly, not to round-off
+    data = p[:, :, None] * value[:, None, :]
+    place = columns[:, None, :] * np.int32(dim) + np.arange(dim, dtype=np.int32)[:, None]
+    rows = np.arange(n + 1, dtype=np.int32) * np.int32(data[0].size)
+    return sparse.csr_matrix((data.ravel(), place.ravel(), rows), shape=(n, width))
 
 
-def block_bytes(nbonds: int, dim: int) -> int:
-    """Return the memory that blocks of so many bonds take.
+def make_blocks(
+    bonds: BondBasis, laws: Sequence[tuple[Potential, Callable[[Part], Longs | None]]], keep: bool
+) -> Iterator[Block]:
+    """Yield blocks, law by law: each law comes with the function that picks its bonds of a part (None: all).
 
-    >>> block_bytes(1000, dim=2)
-    60000
+    Pairs of zero measure are left out.
     """
-    return nbonds * (2 * dim * (8 + 4) + 4 + 8)
+    for law, pick in laws:
+        for part in bonds.parts:
+            k, which = bonds.measure_of(part), pick(part)
+            if which is not None:
+                k = k[which]
+            dead = k == 0.0 if isinstance(part, PairPart) else None
+            if dead is not None and dead.any():
+                which = np.flatnonzero(~dead) if which is None else which[~dead]
+                k = k[~dead]
+            if len(k):
+                yield Block(law, part, k, which, bonds.rule.symmetric, keep)
+
+
+def matrix_bytes(nbonds: int, dim: int, kind: type[Part]) -> int:
+    """Return the memory that the matrices B of so many bonds take.
+
+    >>> matrix_bytes(1000, dim=2, kind=PairPart), matrix_bytes(1000, dim=2, kind=BallPart)
+    (52000, 100000)
+    """
+    entries = dim * (dim + 2 if kind is BallPart else 2)
+    return nbonds * (entries * (8 + 4) + 4)
 
 
 class Team:

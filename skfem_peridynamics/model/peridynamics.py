@@ -14,11 +14,15 @@ import numpy.typing as npt
 import scipy.sparse as sparse
 from scipy.sparse.linalg import LinearOperator
 
-from .._types import Csr, Floats, Longs
+from .._types import Bools, Csr, Floats, Longs
 from ..bonds.bond_basis import BondBasis
+from ..bonds.parts import Part
 from ..material.calibration import Elastic, Material
 from ..material.potential import Linear, Potential
-from .kernels import Block, Team, make_blocks
+from .kernels import Block, Team, make_blocks, matrix_bytes
+
+
+_ROUND_OFF = 1e-9  # P1 values below this do not count as use of a vertex
 
 
 def usable_cores() -> int:
@@ -33,7 +37,8 @@ class Peridynamics:
     """A body with bonds and a material: the operators of the paper on the vector P1 space.
 
     ``no_fail`` lists vertices all of whose bonds stay linear for ever (a bond is no-fail when one end is).
-    ``material`` may also be a :class:`~skfem_peridynamics.material.potential.Potential` given directly.
+    ``matrix_memory`` is how many bytes the strain matrices of the bonds may take; where they would take more they are
+    remade from the bond list at every use, some ten times slower. ``material`` may also be a :class:`~skfem_peridynamics.material.potential.Potential` given directly.
     Arguments and results of the operators are vectors (N,) numbered as the basis numbers them.
 
     >>> import skfem
@@ -50,6 +55,7 @@ class Peridynamics:
     material: Material | Potential
     no_fail: npt.ArrayLike | None = None
     threads: int | None = None
+    matrix_memory: float = 4e9
 
     def with_(self, **changes: Any) -> Peridynamics:
         """Return a copy with other bonds, another material, no-fail vertices or threads."""
@@ -57,7 +63,13 @@ class Peridynamics:
 
     @property
     def basis(self) -> Any:
-        return self.bonds.basis
+        """The scikit-fem basis of the displacement."""
+        return self.bonds.space
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the force is the gradient of the energy, and the stiffness symmetric."""
+        return self.bonds.rule.symmetric
 
     @cached_property
     def law(self) -> Potential:
@@ -83,56 +95,48 @@ class Peridynamics:
     @cached_property
     def blocks(self) -> list[Block]:
         """The bonds in computing form, those that can fail first."""
+        bonds = self.bonds
+        keep = sum(matrix_bytes(part.nbonds, bonds.dim, type(part)) for part in bonds.parts) <= self.matrix_memory
         if self.no_fail is None:
-            return list(make_blocks(self.bonds, self.law))
-        spared = self._spared
-        linear = Linear(self.law.slope)
-        return [
-            *make_blocks(self.bonds, self.law, np.flatnonzero(~spared)),
-            *make_blocks(self.bonds, linear, np.flatnonzero(spared)),
+            return list(make_blocks(bonds, [(self.law, lambda part: None)], keep))
+        marked = self._spared_samples
+        laws: list[tuple[Potential, Callable[[Part], Longs]]] = [
+            (self.law, lambda part: np.flatnonzero(~_touches(part, marked))),
+            (Linear(self.law.slope), lambda part: np.flatnonzero(_touches(part, marked))),
         ]
+        return list(make_blocks(bonds, laws, keep))
 
     @property
-    def _spared(self) -> npt.NDArray[np.bool_]:
+    def _spared_samples(self) -> Floats:
+        """1 at the samples that use a no-fail vertex, else 0."""
         listed = np.asarray(self.no_fail)
         nvertices = self.bonds.mesh.nvertices
         if listed.dtype.kind not in "iu" or not listed.size or listed.min() < 0 or listed.max() >= nvertices:
             raise ValueError(f"no_fail must list vertices, numbers from 0 to {nvertices - 1}, and not be empty")
-        marked = np.zeros(nvertices, dtype=bool)
-        marked[listed] = True
-        marked = marked[self.bonds.order]
-        spared: npt.NDArray[np.bool_] = marked[self.bonds.bonds.i] | marked[self.bonds.bonds.j]
-        return spared
+        marked = np.zeros(nvertices)
+        marked[listed] = 1.0
+        return (self.bonds.samples.take(marked) > 0.0).astype(float)
 
     @cached_property
     def team(self) -> Team:
         """The threads that work on the blocks, started when first needed."""
         return Team(usable_cores() if self.threads is None else self.threads)
 
-    # ---- numbering: u of the basis <-> u along the body
+    # ---- vertices <-> samples
     def inward(self, u: Floats) -> Floats:
-        """Return nodal values in internal order. Raises ``ValueError`` for a vector of another length."""
+        """Return samples (nsamples, dim) of nodal values. Raises ``ValueError`` for a vector of another length."""
         u = np.asarray(u, dtype=float)
-        if u.shape != (self.bonds.basis.N,):
-            raise ValueError(f"u has shape {u.shape}; the basis has {self.bonds.basis.N} degrees of freedom")
-        return u.take(self._places[0])
+        if u.shape != (self.basis.N,):
+            raise ValueError(f"u has shape {u.shape}; the basis has {self.basis.N} degrees of freedom")
+        return self.bonds.samples.take(u.reshape(-1, self.bonds.dim))
 
     def outward(self, F: Floats) -> Floats:
-        """Return internal nodal values in the numbering of the basis."""
-        return F.take(self._places[1])
-
-    @cached_property
-    def _places(self) -> tuple[Longs, Longs]:
-        """Degree of freedom of the basis at each internal place, and the way back."""
-        dim = self.bonds.dim
-        inner: Longs = (self.bonds.order[:, None] * dim + np.arange(dim)).ravel()
-        back = np.empty_like(inner)
-        back[inner] = np.arange(len(inner))
-        return inner, back
+        """Return nodal values (N,) of what was summed at the samples: the transpose of :meth:`inward`."""
+        return self.bonds.samples.spread(F).ravel()
 
     def gather(self, function: Callable[[Block], Floats]) -> Floats:
         """Sum what each block adds to its window, in block order."""
-        total = np.zeros(self.bonds.basis.N)
+        total = np.zeros((self.bonds.samples.nsamples, self.bonds.dim))
         for block, part in zip(self.blocks, self.team.map(function, self.blocks), strict=True):
             total[block.window] += part
         return total
@@ -150,11 +154,11 @@ class Peridynamics:
         return self.outward(np.negative(F, out=F))
 
     def stiffness(self) -> Csr:
-        """Return the matrix of ``a_l`` (paper, section 4.3), scipy csr (N, N)."""
+        """Return the matrix of ``a_l`` (paper, section 4.3), scipy csr (N, N); symmetric when the rule is."""
         return self._assemble([2.0 * block.law.slope * block.k for block in self.blocks])
 
     def tangent(self, u: Floats) -> Csr:
-        """Return the Hessian of the energy at u, scipy csr (N, N); indefinite once bonds soften."""
+        """Return minus the gradient of the force at u, scipy csr (N, N); indefinite once bonds soften."""
         return self._assemble(self._hessians(u))
 
     def stiffness_operator(self) -> LinearOperator:
@@ -162,7 +166,7 @@ class Peridynamics:
         return self._operator([2.0 * block.law.slope * block.k for block in self.blocks])
 
     def tangent_operator(self, u: Floats) -> LinearOperator:
-        """Return the Hessian of the energy at u as a matrix-free operator."""
+        """Return minus the gradient of the force at u as a matrix-free operator."""
         return self._operator(self._hessians(u))
 
     def _hessians(self, u: Floats) -> list[Floats]:
@@ -172,29 +176,52 @@ class Peridynamics:
     def _operator(self, weights: Sequence[Floats]) -> LinearOperator:
         by_block = {id(block): weight for block, weight in zip(self.blocks, weights, strict=True)}
 
-        def apply(x: Floats) -> Floats:
+        def apply(x: Floats, transposed: bool = False) -> Floats:
             v = self.inward(np.asarray(x, dtype=float).ravel())
-            return self.outward(self.gather(lambda block: block.product(by_block[id(block)], v)))
+            return self.outward(self.gather(lambda block: block.product(by_block[id(block)], v, transposed)))
 
-        size = self.bonds.basis.N
-        return LinearOperator((size, size), matvec=apply, rmatvec=apply, dtype=np.dtype(float))
+        size = self.basis.N
+        return LinearOperator(
+            (size, size), matvec=apply, rmatvec=lambda x: apply(x, transposed=True), dtype=np.dtype(float)
+        )
 
     def _assemble(self, weights: Sequence[Floats]) -> Csr:
-        size, (number, _) = self.bonds.basis.N, self._places
+        size = self.basis.N
         total = sparse.csr_matrix((size, size))
         rows, cols, values, held = [], [], [], 0
         for block, weight in zip(self.blocks, weights, strict=True):
-            local = (block.BT @ sparse.csr_matrix(block.B.multiply(weight[:, None]))).tocoo()
-            rows.append(number[local.row + block.first])
-            cols.append(number[local.col + block.first])
+            B, X = block.matrices()
+            number, B, X = self._at_vertices(block, B, X)
+            local = (X.T @ sparse.csr_matrix(B.multiply(weight[:, None]))).tocoo()
+            rows.append(number[local.row])
+            cols.append(number[local.col])
             values.append(local.data)
             held += local.nnz
             if held > max(8_000_000, total.nnz):  # merge before the parts outgrow what they merge into
                 total = total + _csr(rows, cols, values, size)
                 rows, cols, values, held = [], [], [], 0
         K = total + _csr(rows, cols, values, size) if rows else total
-        K = sparse.csr_matrix((K + K.T) * 0.5)  # round-off of the summation order, so that K equals its transpose
+        if self.symmetric:  # round-off of the summation order, so that K equals its transpose
+            K = sparse.csr_matrix((K + K.T) * 0.5)
         return K
+
+    def _at_vertices(self, block: Block, B: Csr, X: Csr) -> tuple[Longs, Csr, Csr]:
+        """B and X of a block with vertex degrees of freedom as columns, and the numbers of those columns."""
+        dim, samples = self.bonds.dim, self.bonds.samples
+        if samples.at_vertices:
+            vertices = samples.vertices[block.window, 0]
+        else:
+            P = samples.matrix[block.window]
+            vertices = np.unique(P.indices)
+            P = sparse.kron(P[:, vertices], sparse.identity(dim), format="csr")
+            B, X = B @ P, (None if X is B else X @ P)
+            X = B if X is None else X
+        return (vertices[:, None].astype(np.int64) * dim + np.arange(dim)).ravel(), B, X
+
+
+def _touches(part: Part, marked: Floats) -> Bools:
+    """Which bonds have an end where the marked samples are."""
+    return (part.near(marked) > 0.0) | (part.far(marked) > _ROUND_OFF)
 
 
 def _csr(rows: list[Longs], cols: list[Longs], values: list[Floats], size: int) -> Csr:

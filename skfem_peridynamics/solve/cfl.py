@@ -91,27 +91,26 @@ def closed_form(body: Peridynamics, density: float) -> float:
 def nodal_bounds(body: Peridynamics, m: Floats) -> tuple[float, float]:
     """Return the guaranteed nodal bound and the row-sum estimate, from one pass over the bonds.
 
-    With ``A_i`` the stiffness that all bonds of vertex i hang on it and ``m_i`` its mass (one per component), they are
-    the maxima over the vertices of ``2 lam_max`` and of ``2 trace`` of ``m_i^-1/2 A_i m_i^-1/2``.
+    With ``A_i`` the stiffness that all bonds of vertex i hang on it, by P1 values, and ``m_i`` its lumped mass (one per
+    component), they are the maxima over the vertices of ``2 lam_max`` and of ``2 trace`` of ``m_i^-1/2 A_i m_i^-1/2``.
+    For a directed rule the stiffness is not symmetric; there the trace bounds the norm of its rows.
     """
-    dim, n = body.bonds.dim, body.bonds.mesh.nvertices
-    A = np.zeros((dim, dim, n))
+    samples, dim = body.bonds.samples, body.bonds.dim
+    A = np.zeros((samples.nsamples, dim * dim))
     for block in body.blocks:
-        p = block.directions(dim)
+        p = block.directions()
         weight = 2.0 * block.law.slope * block.k
-        low = block.first // dim
-        width = block.B.shape[1] // dim
-        for end in block.ends(dim):
-            for a in range(dim):
-                for b in range(a, dim):
-                    part = np.bincount(end - low, weight * p[:, a] * p[:, b], width)
-                    A[a, b, low : low + width] += part
-                    if b > a:
-                        A[b, a, low : low + width] += part
-    scale = 1.0 / np.sqrt(body.inward(m).reshape(n, dim).T)
-    A *= scale[:, None] * scale
-    stiffest = np.linalg.eigvalsh(np.moveaxis(A, 2, 0))[:, -1]
-    return float(2.0 * stiffest.max()), float(2.0 * np.trace(A).max())
+        C = block.incidence(1.0)
+        if not body.symmetric:
+            weight, C = 2.0 * weight, sparse.csr_matrix((C.data.reshape(len(p), -1)[:, 0], C.indices.reshape(len(p), -1)[:, 0], np.arange(len(p) + 1)), shape=C.shape)
+        A[block.window] += C.T @ (weight[:, None] * np.einsum("na,nb->nab", p, p).reshape(len(p), -1))
+    A = samples.spread(A).reshape(-1, dim, dim)
+    scale = 1.0 / np.sqrt(m.reshape(-1, dim))
+    A *= scale[:, :, None] * scale[:, None, :]
+    trace = float(2.0 * np.trace(A, axis1=1, axis2=2).max())
+    if not body.symmetric:
+        return trace, trace
+    return float(2.0 * np.linalg.eigvalsh(A)[:, -1].max()), trace
 
 
 def largest_eigenvalue(body: Peridynamics, m: Floats, tolerance: float) -> tuple[float, float, int]:

@@ -1,0 +1,79 @@
+"""What a bond list makes of the moment ``M_d``: the figures of a discrete calibration."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .._types import Bools, Floats
+from ..geometry.layers import distance_to_facets
+from ..geometry.simplices import facet_directions, vertex_sizes
+from ..material.calibration import UNIT_BALL
+from .parts import PairPart, Part
+
+if TYPE_CHECKING:
+    from .bond_basis import BondBasis
+
+_USED = 1e-9  # P1 values below this are round-off: the vertex is not used
+_MANY = 16  # directions that stand for all of them
+
+
+def deep_points(bonds: BondBasis, points: Floats) -> Bools:
+    """Return which points (n, dim) have their whole ball inside the body, and half an element more."""
+    mesh = bonds.mesh
+    reach = bonds.horizon + 0.5 * float(vertex_sizes(mesh).max())
+    gap = distance_to_facets(mesh, mesh.boundary_facets(), reach, points.T)
+    deep: Bools = gap >= reach * (1.0 - 1e-9)
+    return deep
+
+
+def discrete_moments(bonds: BondBasis) -> tuple[float, float]:
+    """Return the moments for strains and for cracks; see ``BondBasis.discrete_moments``."""
+    samples, dim = bonds.samples, bonds.dim
+    deep = deep_points(bonds, samples.points)
+    volume = float(samples.volume[deep[samples.sites]].sum())
+    if not volume > 0.0:
+        raise ValueError(
+            f"horizon = {bonds.horizon:g}: no vertex lies deeper than it inside the body, so the moment of the "
+            "bonds cannot be measured; use the continuum calibration"
+        )
+    normals, share = facet_directions(bonds.mesh)
+    pairs = all(isinstance(part, PairPart) for part in bonds.parts) and samples.at_vertices
+    if not len(share) and not pairs:
+        normals, share = _all_directions(dim)
+    strain = crack = 0.0
+    for part in bonds.parts:
+        # the share of points deep inside: both ends where both are outer points, else twice the one that is
+        inside = part.near(deep.astype(float))
+        inside = inside + part.far(deep.astype(float)) if isinstance(part, PairPart) else 2.0 * inside
+        weight = inside * part.weight * bonds.influence_of(part)
+        strain += float(weight @ np.linalg.norm(part.vectors(), axis=1))
+        if len(share):
+            crack += sum(float(weight @ length) * s for length, s in zip(_extents(bonds, part, normals), share))
+    scale = bonds.prefactor / (2.0 * dim * volume)
+    if not len(share):
+        return scale * strain, scale * strain
+    # the mean of |e.n| over the sphere is 2 omega_{d-1} / (d omega_d)
+    return scale * strain, scale * crack * dim * UNIT_BALL[dim] / (2.0 * UNIT_BALL[dim - 1])
+
+
+def _extents(bonds: BondBasis, part: Part, normals: Floats) -> Floats:
+    """Extent along each normal of the vertices that each bond uses, (nnormals, nbonds)."""
+    if isinstance(part, PairPart) and bonds.samples.at_vertices:
+        return np.abs(normals.T @ part.vectors().T)
+    x, at_x, y, at_y = part.sides()
+    vertices, unused = np.hstack([x, y]), np.hstack([at_x, at_y]) <= _USED
+    out = np.empty((normals.shape[1], part.nbonds))
+    for row, n in zip(out, normals.T, strict=True):
+        height = (n @ bonds.mesh.p)[vertices]
+        row[:] = np.where(unused, -np.inf, height).max(axis=1) - np.where(unused, np.inf, height).min(axis=1)
+    return out
+
+
+def _all_directions(dim: int) -> tuple[Floats, Floats]:
+    """Normals (dim, n) that stand for all directions, and their shares."""
+    from .quadrature import half_sphere
+
+    e, w = half_sphere(dim, _MANY)
+    return e.T, w * (2.0 / (dim * UNIT_BALL[dim]))

@@ -1,0 +1,181 @@
+"""Parts of a bond list: some bonds in a few numbers each, and what can be made of them.
+
+A bond joins a sample x to a point y, another sample or a point in an element. Both kinds answer the same questions:
+the bond vectors, P1 values at both ends, and the sparse incidence from which every operator is built.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import scipy.sparse as sparse
+
+from .._types import Bools, Csr, Floats, Ints, Longs
+from ..geometry.rays import Tracer
+from .samples import Samples
+
+BLOCK = 1 << 17  # bonds of a part: large enough to outweigh the calls, small enough to stay in cache
+
+
+@dataclass(frozen=True, eq=False)
+class PairPart:
+    """Bonds between samples: ``ends`` (nbonds, 2) are sample numbers less ``first``; 8 bytes a bond and the weight."""
+
+    samples: Samples
+    first: int
+    width: int
+    ends: Ints
+    weight: Floats
+
+    @property
+    def nbonds(self) -> int:
+        return len(self.weight)
+
+    def with_weight(self, weight: Floats) -> PairPart:
+        return dataclasses.replace(self, weight=weight)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the list."""
+        return self.ends.nbytes + self.weight.nbytes
+
+    def vectors(self) -> Floats:
+        """Return ``xi = y - x``, (nbonds, dim)."""
+        points = self.samples.points[self.first : self.first + self.width]
+        return points.take(self.ends[:, 1], axis=0) - points.take(self.ends[:, 0], axis=0)
+
+    def incidence(self, sign: float = -1.0) -> Csr:
+        """Return the matrix that takes samples of the window to ``v(y) + sign v(x)``, csr (nbonds, width)."""
+        n = self.nbonds
+        data = np.empty((n, 2))
+        data[:, 0], data[:, 1] = sign, 1.0
+        rows = np.arange(n + 1, dtype=np.int32) * 2
+        return sparse.csr_matrix((data.ravel(), self.ends.ravel(), rows), shape=(n, self.width))
+
+    def sides(self) -> tuple[Ints, Floats, Ints, Floats]:
+        """Return vertices of the mesh and P1 values at x and at y, each (nbonds, k)."""
+        i, j = (self.ends[:, side] + self.first for side in (0, 1))
+        s = self.samples
+        return s.vertices[i], s.values[i], s.vertices[j], s.values[j]
+
+    def near(self, field: Floats) -> Floats:
+        """Return a field of samples at x, (nbonds,)."""
+        return field[self.first + self.ends[:, 0]]
+
+    def far(self, field: Floats) -> Floats:
+        """Return a field of samples at y, (nbonds,)."""
+        return field[self.first + self.ends[:, 1]]
+
+
+@dataclass(frozen=True, eq=False)
+class Fan:
+    """What all ball bonds share: unit ``directions`` (ndir, dim), radial ``nodes`` (2, nrad) as fractions of a ray's
+    reach (rays of full length, rays cut short), the elements, and where the vertices are among the samples."""
+
+    directions: Floats
+    nodes: Floats
+    horizon: float
+    tracer: Tracer
+    corners: Ints  # (nelements, dim + 1), samples of the vertices
+
+    def is_cut(self, reach: Floats) -> Bools:
+        """Return which rays end at the boundary."""
+        return reach < self.horizon
+
+    def distances(self, reach: Floats) -> Floats:
+        """Return the lengths of the bonds on rays (n, ndir), (n, ndir, nrad)."""
+        return reach[:, :, None] * self.nodes[self.is_cut(reach).astype(np.intp)]
+
+
+@dataclass(frozen=True, eq=False)
+class BallPart:
+    """Bonds from some sites along the rays of a fan: ``y = x + reach node direction`` in ``element``.
+
+    ``site`` (nsites,) sample numbers less ``first``; ``reach`` (nsites, ndir); ``element`` (nsites, ndir, nrad) of the
+    mesh. 4 bytes a bond, 8 a ray, and the weight.
+    """
+
+    samples: Samples
+    fan: Fan
+    first: int
+    width: int
+    site: Ints
+    reach: Floats
+    element: Ints
+    weight: Floats
+
+    @property
+    def nbonds(self) -> int:
+        return len(self.weight)
+
+    def with_weight(self, weight: Floats) -> BallPart:
+        return dataclasses.replace(self, weight=weight)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the list."""
+        return self.site.nbytes + self.reach.nbytes + self.element.nbytes + self.weight.nbytes
+
+    @property
+    def per_site(self) -> int:
+        return int(np.prod(self.element.shape[1:]))
+
+    def vectors(self) -> Floats:
+        """Return ``xi = y - x``, (nbonds, dim)."""
+        r = self.fan.distances(self.reach)
+        return (r[..., None] * self.fan.directions[:, None, :]).reshape(-1, self.fan.directions.shape[1])
+
+    def barycentric(self) -> Floats:
+        """Return the barycentric coordinates of y in its element, (nbonds, dim + 1)."""
+        x = np.repeat(self.samples.points[self.first + self.site], self.per_site, axis=0)
+        return self.fan.tracer.barycentric(self.element.ravel(), x + self.vectors())
+
+    def incidence(self, sign: float = -1.0) -> Csr:
+        """Return the matrix that takes samples of the window to ``v(y) + sign v(x)``, csr (nbonds, width)."""
+        n, corners = self.nbonds, self.fan.corners.shape[1]
+        data = np.empty((n, corners + 1))
+        data[:, 0] = sign
+        data[:, 1:] = self.barycentric()
+        columns = np.empty((n, corners + 1), dtype=np.int32)
+        columns[:, 0] = np.repeat(self.site, self.per_site)
+        columns[:, 1:] = self.fan.corners.take(self.element.ravel(), axis=0)
+        columns[:, 1:] -= np.int32(self.first)
+        rows = np.arange(n + 1, dtype=np.int32) * (corners + 1)
+        return sparse.csr_matrix((data.ravel(), columns.ravel(), rows), shape=(n, self.width))
+
+    def sides(self) -> tuple[Ints, Floats, Ints, Floats]:
+        """Return vertices of the mesh and P1 values at x and at y, each (nbonds, k)."""
+        s, x = self.samples, np.repeat(self.first + self.site, self.per_site)
+        corners = s.vertices[self.fan.corners.take(self.element.ravel(), axis=0), 0]
+        return s.vertices[x], s.values[x], corners, self.barycentric()
+
+    def near(self, field: Floats) -> Floats:
+        """Return a field of samples at x, (nbonds,)."""
+        return np.repeat(field[self.first + self.site], self.per_site)
+
+    def far(self, field: Floats) -> Floats:
+        """Return a field of samples at y, (nbonds,)."""
+        corners = field[self.fan.corners].take(self.element.ravel(), axis=0)
+        value: Floats = np.einsum("nk,nk->n", corners, self.barycentric())
+        return value
+
+
+Part: TypeAlias = PairPart | BallPart
+
+
+def rows_of(starts: Longs, most: int = BLOCK) -> list[slice]:
+    """Split items with running counts ``starts`` (n + 1,) into runs of at most ``most`` counts (at least one item).
+
+    >>> rows_of(np.array([0, 3, 6, 9]), most=6)
+    [slice(0, 2, None), slice(2, 3, None)]
+    """
+    out, low, n = [], 0, len(starts) - 1
+    while low < n:
+        high = int(np.searchsorted(starts, starts[low] + most, side="right")) - 1
+        high = min(n, max(high, low + 1))
+        out.append(slice(low, high))
+        low = high
+    return out

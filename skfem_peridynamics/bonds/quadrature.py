@@ -1,0 +1,79 @@
+"""Quadrature of the ball: radial Gauss rules for the influence function, directions of half the sphere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import pi
+
+import numpy as np
+
+from .._types import Floats
+
+# Lebedev degrees with positive weights only: 13, 25 and 27 have negative ones
+_LEBEDEV = (3, 5, 7, 9, 11, 15, 17, 19, 21, 23, 29, 31, 35, 41, 47, 53, 59)
+_PANELS, _DENSE = 16, 24  # the fine rule that stands for the integral of J
+
+
+def radial_rule(influence: Callable[[Floats], Floats], power: int, n: int) -> tuple[Floats, Floats]:
+    """Return nodes and weights of the n-point Gauss rule on (0, 1) for the weight ``J(s) s^power``.
+
+    Exact for polynomials of degree 2n - 1, so the moments ``M_power ..`` come out exactly; weights are positive.
+    Built from the three-term recurrence of the orthogonal polynomials (Stieltjes) and its eigenvalues (Golub, Welsch).
+
+    >>> s, W = radial_rule(lambda s: np.ones_like(s), power=2, n=1)
+    >>> s.round(12).tolist(), W.round(12).tolist()                     # M_3/M_2 = (1/4)/(1/3), M_2 = 1/3
+    ([0.75], [0.333333333333])
+    """
+    from scipy.linalg import eigh_tridiagonal
+
+    if n < 1:
+        raise ValueError(f"radial = {n} must be at least 1")
+    x, w = np.polynomial.legendre.leggauss(_DENSE)
+    s = ((np.arange(_PANELS)[:, None] + 0.5 * (x + 1.0)) / _PANELS).ravel()
+    weight = np.tile(0.5 * w / _PANELS, _PANELS) * s**power * influence(s)
+    a, b = np.zeros(n), np.zeros(n)
+    before, now = np.zeros_like(s), np.ones_like(s)
+    total = weight.sum()
+    now /= np.sqrt(total)
+    for k in range(n):  # orthonormal polynomials at the fine nodes
+        a[k] = weight @ (s * now * now)
+        after = (s - a[k]) * now - (b[k] * before if k else 0.0)
+        norm = np.sqrt(weight @ (after * after))
+        before, now = now, after / norm
+        if k + 1 < n:
+            b[k + 1] = norm
+    nodes, vectors = eigh_tridiagonal(a, b[1:])
+    return nodes, total * vectors[0] ** 2
+
+
+def half_sphere(dim: int, at_least: int) -> tuple[Floats, Floats]:
+    """Return directions (n, dim), one of each antipodal pair, and weights (n,) that sum to half the unit sphere.
+
+    2D: equispaced, with their antipodes exact to degree 2n - 1. 3D: the smallest Lebedev rule (SciPy's) of positive
+    weights with so many. 1D: the one direction there is.
+
+    >>> for dim, n in ((1, 8), (2, 8), (3, 8)):
+    ...     e, w = half_sphere(dim, n)
+    ...     print(len(e), round(float(w.sum()), 12))
+    1 1.0
+    8 3.14159265359
+    13 6.28318530718
+    """
+    if at_least < 1 or (dim > 1 and at_least < dim):
+        raise ValueError(f"angular = {at_least} is too few: {dim}D needs at least {max(dim, 1)} directions")
+    if dim == 1:
+        return np.ones((1, 1)), np.ones(1)
+    if dim == 2:
+        angle = (np.arange(at_least) + 0.5) * pi / at_least
+        return np.stack([np.cos(angle), np.sin(angle)], axis=1), np.full(at_least, pi / at_least)
+    from scipy.integrate import lebedev_rule
+
+    for degree in _LEBEDEV:
+        e, w = lebedev_rule(degree)
+        if e.shape[1] >= 2 * at_least:
+            break
+    else:
+        raise ValueError(f"angular = {at_least} is too many: the largest rule in 3D has {e.shape[1] // 2} directions")
+    e = np.where(np.abs(e) < 1e-14, 0.0, e)
+    lead = np.where(e[2] != 0.0, e[2], np.where(e[1] != 0.0, e[1], e[0]))
+    return np.ascontiguousarray(e[:, lead > 0.0].T), w[lead > 0.0]

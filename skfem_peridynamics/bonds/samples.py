@@ -1,0 +1,141 @@
+"""Sample points: where a rule reads the displacement, as P1 values of the vertices.
+
+Vertex pairs read it at the vertices. Rules with Gauss points outside read it there, and at the vertices of the elements
+that hold the far ends. All kernels work on samples, numbered along the body so that near points have near numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sparse
+
+from .._types import Csr, Floats, Ints, Longs, Mesh
+from ..geometry.simplices import element_volumes, vertex_sizes, vertex_volumes
+from .neighbours import sweep_order
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Points with their P1 values, and which of them are outer points of the double integral.
+
+    ``vertices`` and ``values`` (n, k): the vertices of the mesh that make up each sample; k is 1 where all samples are
+    vertices. ``sites`` are the numbers of the outer points, ``volume`` (nsites,) their quadrature weights, ``element``
+    (nsites,) the element that holds each, -1 for a vertex. ``place`` (nvertices,) is the sample of each vertex, -1
+    where there is none.
+    """
+
+    points: Floats
+    vertices: Ints
+    values: Floats
+    sites: Longs
+    volume: Floats
+    size: Floats
+    element: Longs
+    place: Longs
+    nvertices: int
+
+    @property
+    def nsamples(self) -> int:
+        return len(self.vertices)
+
+    @property
+    def at_vertices(self) -> bool:
+        """Whether the samples are the vertices, in another order."""
+        return self.vertices.shape[1] == 1
+
+    @cached_property
+    def matrix(self) -> Csr:
+        """P1 values, csr (nsamples, nvertices)."""
+        n, k = self.vertices.shape
+        rows = np.arange(n + 1, dtype=np.int64) * k
+        matrix = sparse.csr_matrix((self.values.ravel(), self.vertices.ravel(), rows), shape=(n, self.nvertices))
+        matrix.eliminate_zeros()
+        return matrix
+
+    def take(self, field: Floats) -> Floats:
+        """Return samples of a nodal field (nvertices,) or (nvertices, m)."""
+        if self.at_vertices:
+            return field.take(self.vertices[:, 0], axis=0)
+        sampled: Floats = self.matrix @ field
+        return sampled
+
+    def spread(self, field: Floats) -> Floats:
+        """Return the transpose of :meth:`take`: samples to vertices."""
+        if self.at_vertices:
+            return field.take(self.place, axis=0)
+        nodal: Floats = self.matrix.T @ field
+        return nodal
+
+
+def vertex_samples(mesh: Mesh) -> Samples:
+    """Return the vertices as samples and as outer points.
+
+    >>> import skfem
+    >>> s = vertex_samples(skfem.MeshLine(np.array([0.0, 1.0, 3.0])))
+    >>> s.points.tolist(), s.volume.tolist()
+    ([[0.0], [1.0], [3.0]], [0.5, 1.5, 1.0])
+    """
+    order = sweep_order(mesh.p)
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    return Samples(
+        points=np.ascontiguousarray(mesh.p[:, order].T),
+        vertices=order[:, None].astype(np.int32),
+        values=np.ones((len(order), 1)),
+        sites=np.arange(len(order)),
+        volume=vertex_volumes(mesh)[order],
+        size=vertex_sizes(mesh)[order],
+        element=np.full(len(order), -1, dtype=np.int64),
+        place=place,
+        nvertices=int(mesh.nvertices),
+    )
+
+
+def gauss_samples(mesh: Mesh, with_vertices: bool, order: int = 2) -> Samples:
+    """Return scikit-fem's Gauss points of an order as outer points, and the vertices among the samples if asked.
+
+    Order 2 has two points a line, three a triangle, four a tetrahedron. (Order 1 has one, and zero modes.)
+
+    >>> import skfem
+    >>> s = gauss_samples(skfem.MeshTri(), with_vertices=True)
+    >>> s.nsamples, len(s.sites), round(float(s.volume.sum()), 12)
+    (10, 6, 1.0)
+    """
+    from skfem.quadrature import get_quadrature
+
+    X, W = get_quadrature(mesh.elem, order)
+    dim, ngauss = X.shape
+    nelements, nvertices = int(mesh.nelements), int(mesh.nvertices)
+    value = np.vstack([1.0 - X.sum(axis=0), X])  # (dim + 1, ngauss)
+    corners = mesh.p[:, mesh.t]
+    points = np.einsum("kg,dke->deg", value, corners).reshape(dim, -1)
+    scale = 1.0 / W.sum()
+    volume = (element_volumes(mesh)[:, None] * (W * scale)).ravel()
+    vertices = np.repeat(mesh.t.T, ngauss, axis=0)
+    values = np.tile(value.T, (nelements, 1))
+    if with_vertices:
+        points = np.hstack([points, mesh.p])
+        own = np.zeros((nvertices, dim + 1))
+        own[:, 0] = 1.0
+        values = np.vstack([values, own])
+        vertices = np.vstack([vertices, np.repeat(np.arange(nvertices)[:, None], dim + 1, axis=1)])
+    sweep = sweep_order(points)
+    is_site = sweep < nelements * ngauss
+    gauss = sweep[is_site]
+    place = np.full(nvertices, -1, dtype=np.int64)
+    if with_vertices:
+        place[sweep[~is_site] - nelements * ngauss] = np.flatnonzero(~is_site)
+    return Samples(
+        points=np.ascontiguousarray(points[:, sweep].T),
+        vertices=vertices[sweep].astype(np.int32),
+        values=values[sweep],
+        sites=np.flatnonzero(is_site),
+        volume=volume[gauss],
+        size=volume[gauss] ** (1.0 / dim),
+        element=gauss // ngauss,
+        place=place,
+        nvertices=nvertices,
+    )
