@@ -6,6 +6,7 @@ hole carry a rule of their own on what is left of them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,23 +76,16 @@ class BallRule:
     def parts(self, mesh: Mesh, samples: Samples, horizon: float, influence: Influence) -> list[Part]:
         """Return the bonds, by site, direction and node."""
         dim = int(mesh.dim())
-        directions, angle = self.directions(dim)
-        power = dim if self.symmetric else dim - 1
-        whole, W = radial_rule(influence, power, self.radial)
-        cut, W_cut = radial_rule(np.ones_like, power, self.radial)
-        # weights of the plain integral over the ray: the rules' own hold J s^power, the volume element s^(d-1)
-        W = W * whole ** (dim - 1 - power) / influence(whole)
-        W_cut = W_cut * cut ** (dim - 1 - power)
-        fan = Fan(directions, np.stack([whole, cut]), horizon, Tracer(mesh), samples.place[mesh.t.T].astype(np.int32))
+        directions, _ = self.directions(dim)
+        nodes = np.stack([self._radial(dim, J)[0] for J in (influence, np.ones_like)])
+        fan = Fan(directions, nodes, horizon, Tracer(mesh), samples.place[mesh.t.T].astype(np.int32))
         per_site = len(directions) * self.radial
-        both = 2.0 if self.symmetric else 1.0
         out: list[Part] = []
         for low in range(0, len(samples.sites), max(1, parts.BLOCK // per_site)):
             run = slice(low, low + max(1, parts.BLOCK // per_site))
             site = samples.sites[run]
             reach, element = self._march(fan, samples, site, samples.element[run])
-            on_ray = np.where(fan.is_cut(reach)[:, :, None], reach[:, :, None] ** dim * W_cut, horizon**dim * W)
-            weight = both * samples.volume[run, None, None] * angle[:, None] * on_ray
+            weight = self.weights(dim, fan, reach, samples.volume[run], influence)
             corners = fan.corners[element.reshape(-1)]
             first = int(min(site.min(), corners.min()))
             width = int(max(site.max(), corners.max())) + 1 - first
@@ -99,6 +93,21 @@ class BallRule:
                 BallPart(samples, fan, first, width, (site - first).astype(np.int32), reach, element, weight.ravel())
             )
         return out
+
+    def _radial(self, dim: int, influence: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
+        """Nodes and weights of the plain integral of ``s^(d-1)`` over a ray; the rule itself holds ``J s^power``."""
+        power = dim if self.symmetric else dim - 1
+        s, W = radial_rule(influence, power, self.radial)
+        return s, W * s ** (dim - 1 - power) / influence(s)
+
+    def weights(self, dim: int, fan: Fan, reach: Floats, volume: Floats, influence: Influence) -> Floats:
+        """Return the weights (nsites, ndir, nrad) of the bonds on rays of so much reach, from sites of some volume."""
+        _, angle = self.directions(dim)
+        whole, cut = (self._radial(dim, J)[1] for J in (influence, np.ones_like))
+        on_ray = np.where(fan.is_cut(reach)[:, :, None], reach[:, :, None] ** dim * cut, fan.horizon**dim * whole)
+        both = 2.0 if self.symmetric else 1.0
+        weight: Floats = both * volume[:, None, None] * angle[:, None] * on_ray
+        return weight
 
     def _march(self, fan: Fan, samples: Samples, site: Longs, element: Longs) -> tuple[Floats, Ints]:
         """Reach (nsites, ndir) and elements (nsites, ndir, nrad) of the rays of some sites."""

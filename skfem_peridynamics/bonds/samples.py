@@ -50,9 +50,9 @@ class Samples:
     def matrix(self) -> Csr:
         """P1 values, csr (nsamples, nvertices)."""
         n, k = self.vertices.shape
-        rows = np.arange(n + 1, dtype=np.int64) * k
-        matrix = sparse.csr_matrix((self.values.ravel(), self.vertices.ravel(), rows), shape=(n, self.nvertices))
-        matrix.eliminate_zeros()
+        used = self.values != 0.0
+        rows = np.concatenate([[0], np.cumsum(used.sum(axis=1))])
+        matrix = sparse.csr_matrix((self.values[used], self.vertices[used], rows), shape=(n, self.nvertices))
         return matrix
 
     def take(self, field: Floats) -> Floats:
@@ -109,13 +109,7 @@ def gauss_samples(mesh: Mesh, with_vertices: bool, order: int = 2) -> Samples:
     X, W = get_quadrature(mesh.elem, order)
     dim, ngauss = X.shape
     nelements, nvertices = int(mesh.nelements), int(mesh.nvertices)
-    value = np.vstack([1.0 - X.sum(axis=0), X])  # (dim + 1, ngauss)
-    corners = mesh.p[:, mesh.t]
-    points = np.einsum("kg,dke->deg", value, corners).reshape(dim, -1)
-    scale = 1.0 / W.sum()
-    volume = (element_volumes(mesh)[:, None] * (W * scale)).ravel()
-    vertices = np.repeat(mesh.t.T, ngauss, axis=0)
-    values = np.tile(value.T, (nelements, 1))
+    points, vertices, values, volume = _in_elements(mesh, X, W, np.arange(nelements))
     if with_vertices:
         points = np.hstack([points, mesh.p])
         own = np.zeros((nvertices, dim + 1))
@@ -139,3 +133,40 @@ def gauss_samples(mesh: Mesh, with_vertices: bool, order: int = 2) -> Samples:
         place=place,
         nvertices=nvertices,
     )
+
+
+def fine_samples(mesh: Mesh, levels: int, elements: Longs) -> Samples:
+    """Return Gauss points of order 2 in some elements, each subdivided so many times, as outer points.
+
+    >>> import skfem
+    >>> s = fine_samples(skfem.MeshTri(), levels=2, elements=np.array([0]))
+    >>> len(s.sites), round(float(s.volume.sum()), 12)
+    (48, 0.5)
+    """
+    from skfem.quadrature import get_quadrature
+
+    X, W = get_quadrature(mesh.elem, 2)
+    reference = type(mesh).init_refdom().refined(levels) if levels else type(mesh).init_refdom()
+    share = element_volumes(reference) / element_volumes(reference).sum()
+    inside, *_ = _in_elements(reference, X, W, np.arange(reference.nelements))
+    points, vertices, values, volume = _in_elements(mesh, inside, np.outer(share, W).ravel(), elements)
+    n = len(volume)
+    return Samples(
+        points=np.ascontiguousarray(points.T),
+        vertices=vertices.astype(np.int32),
+        values=values,
+        sites=np.arange(n),
+        volume=volume,
+        size=volume ** (1.0 / mesh.dim()),
+        element=np.repeat(elements, len(volume) // max(1, len(elements))),
+        place=np.full(int(mesh.nvertices), -1, dtype=np.int64),
+        nvertices=int(mesh.nvertices),
+    )
+
+
+def _in_elements(mesh: Mesh, X: Floats, W: Floats, elements: Longs) -> tuple[Floats, Longs, Floats, Floats]:
+    """Points (dim, n), vertices and P1 values (n, dim + 1) and volumes (n,) of a reference rule in some elements."""
+    value = np.vstack([1.0 - X.sum(axis=0), X])  # (dim + 1, npoints)
+    points = np.einsum("kg,dke->deg", value, mesh.p[:, mesh.t[:, elements]]).reshape(len(X), -1)
+    volume = (element_volumes(mesh)[elements, None] * (W / W.sum())).ravel()
+    return points, np.repeat(mesh.t.T[elements], X.shape[1], axis=0), np.tile(value.T, (len(elements), 1)), volume
