@@ -54,11 +54,12 @@ class Tracer:
 
     >>> import skfem
     >>> tracer = Tracer(skfem.MeshTri.init_tensor(np.linspace(0, 1, 5), np.linspace(0, 1, 5)))
-    >>> x, e = np.array([[0.1, 0.05]]), np.array([[1.0, 0.0]])
+    >>> x, e = np.array([[0.1, 0.1]]), np.array([[1.0, 0.0]])
     >>> start = tracer.elements_at(x)
     >>> rays = tracer.march(x, start, e, length=2.0, nodes=np.array([0.5]))
-    >>> rays.reach.tolist(), tracer.barycentric(rays.element[:, 0], x + 0.45 * e).round(12).tolist()
-    ([0.9], [[0.6, 0.2, 0.2]])
+    >>> corners = tracer.mesh.p[:, tracer.mesh.t[:, rays.element[0, 0]]]
+    >>> rays.reach.tolist(), corners.tolist()                             # half way is (0.55, 0.1)
+    ([0.9], [[0.5, 0.5, 0.75], [0.0, 0.25, 0.25]])
     """
 
     mesh: Mesh

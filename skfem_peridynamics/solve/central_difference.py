@@ -9,8 +9,9 @@ import numpy as np
 import scipy.sparse as sparse
 
 from .._types import Floats, Load
-from .cfl import StepLimit, diagonal_mass
+from .cfl import StepLimit
 from .constraints import Prescribed, check_fixed
+from .mass_solver import MassSolver, mass_solver
 from .state import State
 from .watch import Watch
 
@@ -37,7 +38,7 @@ def central_difference(
 ) -> Iterator[State]:
     """Step ``M u'' = force(u) + load(t)`` from t = 0 (or from ``start``) to ``until``; yield a state per step.
 
-    The first state is the initial one. ``M`` is the lumped mass, ``load(t)`` a vector (N,), ``fixed`` the prescribed
+    The first state is the initial one. ``M`` is the lumped or the consistent mass, ``load(t)`` a vector (N,), ``fixed`` the prescribed
     motions. Every ``watch`` steps the energy balance is checked (0: never); ``limit`` only serves the message.
     ``start`` continues an earlier run with the same bits.
 
@@ -50,16 +51,16 @@ def central_difference(
     >>> state.step, round(float(state.u[0]), 6), round(state.energies.total, 6)
     (315, -0.999965, 0.5)
     """
-    m = diagonal_mass(M)
-    size = len(m)
+    size = M.shape[0]
+    prescribed = check_fixed(fixed, size)
+    mass = mass_solver(M, prescribed)
     if not (np.isfinite(dt) and dt > 0.0):
         raise ValueError(f"dt = {dt} must be a positive time")
     if not np.isfinite(until):
         raise ValueError(f"until = {until} must be a time")
-    check_fixed(fixed, size)
     return _steps(
         body,
-        m,
+        mass,
         _initial(u0, size, "u0"),
         _initial(v0, size, "v0"),
         dt,
@@ -96,7 +97,7 @@ def _checked(b: Floats, size: int, t: float) -> Floats:
 
 def _steps(
     body: Body,
-    m: Floats,
+    mass: MassSolver,
     u: Floats,
     v: Floats,
     dt: float,
@@ -107,28 +108,33 @@ def _steps(
     watch: int,
     start: State | None,
 ) -> Iterator[State]:
-    inverse = 1.0 / m
+    size = mass.size
 
     def at(step: int) -> float:
         return step * dt
 
     def accelerate(step: int) -> tuple[Floats, Floats | None]:
         """Acceleration at a step from force and load; prescribed degrees of freedom follow their own motion."""
-        b = None if load is None else _checked(load(at(step)), len(m), at(step))
-        a = body.force(u)
+        b = None if load is None else _checked(load(at(step)), size, at(step))
+        total = body.force(u)
         if b is not None:
-            a = a + b
-        for one in fixed:
-            resist[one.dofs] = -a[one.dofs]
-        a = a * inverse
+            total = total + b
+        if not fixed:
+            return mass.solve(total), b
+        given = np.zeros(size)
         for one in fixed:
             now = one.mean_velocity(at(step - 1), at(step)) if step else None
             following = one.mean_velocity(at(step), at(step + 1))
-            a[one.dofs] = 0.0 if now is None else (following - now) / dt
-            resist[one.dofs] += m[one.dofs] * a[one.dofs]
+            given[one.dofs] = 0.0 if now is None else (following - now) / dt
+        a = mass.solve(total - mass.times(given))
+        for one in fixed:
+            a[one.dofs] = given[one.dofs]
+        inertia = mass.times(a)
+        for one in fixed:
+            resist[one.dofs] = inertia[one.dofs] - total[one.dofs]
         return a, b
 
-    resist = np.zeros(len(m) if fixed else 0)  # reaction at prescribed degrees of freedom, 0 elsewhere
+    resist = np.zeros(size if fixed else 0)  # reaction at prescribed degrees of freedom, 0 elsewhere
     if start is None:
         step, work, initial, ripple = 0, 0.0, None, 0.0
         for one in fixed:
@@ -144,15 +150,15 @@ def _steps(
         work, initial, ripple = start.work, start.initial, start.initial_ripple
         a, b = accelerate(step)
     if initial is None:
-        initial = 0.5 * float(m @ (v * v)) + (float(body.energy(u)) if hasattr(body, "energy") else 0.0)
-        ripple = 0.125 * dt**2 * float(m @ (a * a))
+        initial = 0.5 * float(v @ mass.times(v)) + (float(body.energy(u)) if hasattr(body, "energy") else 0.0)
+        ripple = 0.125 * dt**2 * float(a @ mass.times(a))
     guard = Watch(watch, limit, abs(initial))
 
     def state() -> State:
         views = [x.view() for x in (u, v, a)]
         for x in views:
             x.flags.writeable = False
-        return State(at(step), step, dt, views[0], views[1], views[2], work, initial, ripple, body, m)
+        return State(at(step), step, dt, views[0], views[1], views[2], work, initial, ripple, body, mass)
 
     if start is None:
         now = state()

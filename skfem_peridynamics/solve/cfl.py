@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil, inf, nan, sqrt
+from math import ceil, inf, isfinite, nan, sqrt
 
 import numpy as np
 import scipy.sparse as sparse
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
+from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator, eigs, eigsh
 
-from .._types import Floats
+from .._types import Csr, Floats
 from ..geometry.simplices import element_volumes
 from ..material.influence import as_influence
 from ..model.peridynamics import Peridynamics
+from .mass_solver import Lumped, MassSolver, mass_solver
 
 _DENSE = 128  # unknowns up to which the whole spectrum is computed
 # Lanczos from one random vector can settle on a neighbour of the largest eigenvalue with a small residual: over
@@ -64,20 +65,6 @@ class StepLimit:
         return {name: 0.0 if lam == inf else 2.0 / sqrt(lam) for name, lam in values.items()}
 
 
-def diagonal_mass(M: sparse.spmatrix | Floats) -> Floats:
-    """Return the diagonal of a lumped mass matrix. Raises ``ValueError`` unless it is diagonal and positive."""
-    if not isinstance(M, np.ndarray):
-        off = M.nnz - np.count_nonzero(M.diagonal())
-        if off and sparse.coo_matrix(M - sparse.diags(M.diagonal())).count_nonzero():
-            raise ValueError(f'M has {off} entries off its diagonal; this scheme needs mass_matrix(kind="lumped")')
-        m: Floats = M.diagonal()
-    else:
-        m = M.astype(float, copy=False)
-    if m.ndim != 1 or not np.isfinite(m).all() or not (m > 0.0).all():
-        raise ValueError("M must have a positive, finite diagonal")
-    return m
-
-
 def closed_form(body: Peridynamics, density: float) -> float:
     """Return ``8 f'(0) Jbar_1 / (rho d horizon^2)``: d times sharper than the paper's; infinite in 1D.
 
@@ -89,11 +76,11 @@ def closed_form(body: Peridynamics, density: float) -> float:
 
 
 def nodal_bounds(body: Peridynamics, m: Floats) -> tuple[float, float]:
-    """Return the guaranteed nodal bound and the row-sum estimate, from one pass over the bonds.
+    """Return the guaranteed nodal bound and the row-sum estimate for a lumped mass, from one pass over the bonds.
 
-    With ``A_i`` the stiffness that all bonds of vertex i hang on it, by P1 values, and ``m_i`` its lumped mass (one per
+    With ``A_i`` the stiffness that all bonds of vertex i hang on it, by P1 values, and ``m_i`` its mass (one per
     component), they are the maxima over the vertices of ``2 lam_max`` and of ``2 trace`` of ``m_i^-1/2 A_i m_i^-1/2``.
-    For a directed rule the stiffness is not symmetric; there the trace bounds the norm of its rows.
+    For a directed rule, whose stiffness is not symmetric, the trace of what acts on x bounds the norm of its rows.
     """
     samples, dim = body.bonds.samples, body.bonds.dim
     A = np.zeros((samples.nsamples, dim * dim))
@@ -102,7 +89,7 @@ def nodal_bounds(body: Peridynamics, m: Floats) -> tuple[float, float]:
         weight = 2.0 * block.law.slope * block.k
         C = block.incidence(1.0)
         if not body.symmetric:
-            weight, C = 2.0 * weight, sparse.csr_matrix((C.data.reshape(len(p), -1)[:, 0], C.indices.reshape(len(p), -1)[:, 0], np.arange(len(p) + 1)), shape=C.shape)
+            C, weight = _only_x(C), 2.0 * weight
         A[block.window] += C.T @ (weight[:, None] * np.einsum("na,nb->nab", p, p).reshape(len(p), -1))
     A = samples.spread(A).reshape(-1, dim, dim)
     scale = 1.0 / np.sqrt(m.reshape(-1, dim))
@@ -113,33 +100,56 @@ def nodal_bounds(body: Peridynamics, m: Floats) -> tuple[float, float]:
     return float(2.0 * np.linalg.eigvalsh(A)[:, -1].max()), trace
 
 
-def largest_eigenvalue(body: Peridynamics, m: Floats, tolerance: float) -> tuple[float, float, int]:
+def _only_x(C: Csr) -> Csr:
+    """The first entry of each row of an incidence matrix: the end x."""
+    first = C.indptr[:-1]
+    return sparse.csr_matrix((C.data[first], C.indices[first], np.arange(C.shape[0] + 1)), shape=C.shape)
+
+
+def largest_eigenvalue(body: Peridynamics, mass: MassSolver, tolerance: float) -> tuple[float, float, int]:
     """Return Ritz value, residual norm and number of products for the largest eigenvalue of ``K x = lam M x``.
 
-    Matrix-free Lanczos (SciPy's eigsh) on ``M^-1/2 K M^-1/2``; small problems by their whole spectrum.
+    Matrix-free Lanczos (SciPy's eigsh; Arnoldi, eigs, for a directed rule), small problems by their whole spectrum.
     """
-    scale = 1.0 / np.sqrt(m)
-    if len(m) <= _DENSE:
+    size, symmetric = mass.size, body.symmetric
+    if size <= _DENSE:
         K = body.stiffness().toarray()
-        lam = np.linalg.eigvalsh(scale[:, None] * K * scale)
-        return float(lam[-1]), float(abs(lam).max() * len(m) * np.finfo(float).eps), 0
+        lam = np.linalg.eigvals(np.stack([mass.solve(column) for column in K.T], axis=1))
+        # a dense M^-1 K that is similar to a symmetric matrix has real eigenvalues but for round-off
+        return float(np.abs(lam).max()), float(np.abs(lam).max() * size * np.finfo(float).eps), 0
     K = body.stiffness_operator()
     count = 0
 
     def apply(x: Floats) -> Floats:
         nonlocal count
         count += 1
-        product: Floats = scale * (K @ (scale * x))
-        return product
+        return K @ x
 
+    start = np.random.default_rng(0).standard_normal(size)
+    options = {"k": 1, "tol": tolerance, "ncv": 20, "maxiter": 60, "v0": start}
     A = LinearOperator(K.shape, matvec=apply, dtype=np.dtype(float))
-    start = np.random.default_rng(0).standard_normal(len(m))
     try:
-        value, vector = eigsh(A, k=1, which="LA", tol=tolerance, ncv=20, maxiter=60, v0=start)
-    except ArpackNoConvergence:
+        if not symmetric:
+            B = LinearOperator(K.shape, matvec=lambda x: mass.solve(apply(x)), dtype=np.dtype(float))
+            value, vector = eigs(B, which="LM", **options)
+            x = vector[:, 0]
+            miss = mass.solve(K @ x.real) + 1j * mass.solve(K @ x.imag) - value[0] * x
+            return float(abs(value[0])), float(np.linalg.norm(miss) / np.linalg.norm(x)), count + 2
+        if isinstance(mass, Lumped):  # a product with M^-1/2 on both sides is cheaper than a generalised problem
+            scale = np.sqrt(mass.inverse)
+            S = LinearOperator(K.shape, matvec=lambda x: scale * apply(scale * x), dtype=np.dtype(float))
+            value, vector = eigsh(S, which="LA", **options)
+            x = vector[:, 0]
+            return float(value[0]), float(np.linalg.norm(S @ x - value[0] * x)), count
+        M = LinearOperator(K.shape, matvec=mass.times, dtype=np.dtype(float))
+        inverse = LinearOperator(K.shape, matvec=mass.solve, dtype=np.dtype(float))
+        value, vector = eigsh(A, M=M, Minv=inverse, which="LA", **options)
+    except (ArpackNoConvergence, ArpackError):
         return nan, nan, count
     x = vector[:, 0]
-    return float(value[0]), float(np.linalg.norm(apply(x) - value[0] * x)), count
+    miss = apply(x) - value[0] * mass.times(x)
+    norm = float(np.sqrt(miss @ mass.solve(miss)))  # in the norm of M^-1, for x of unit norm in M
+    return float(value[0]), norm / float(np.sqrt(x @ mass.times(x))), count
 
 
 def stable_time_step(body: Peridynamics, M: sparse.spmatrix, *, tolerance: float = 4e-3) -> StepLimit:
@@ -148,7 +158,7 @@ def stable_time_step(body: Peridynamics, M: sparse.spmatrix, *, tolerance: float
     The paper's condition is ``dt^2/4 sup a_l(u,u)/(u,u) <= 1``. For laws with ``f'' <= 0`` the tangent never exceeds
     its value at rest, so the limit serves the whole nonlinear run.
 
-    ``M`` is the lumped mass of the scheme; ``tolerance`` is relative, for the eigenvalue; the
+    ``M`` is the lumped or the consistent mass of the scheme; ``tolerance`` is relative, for the eigenvalue; the
     default costs about 40 products, and with the margin 0.5 % of the step at most.
 
     >>> import skfem
@@ -159,10 +169,16 @@ def stable_time_step(body: Peridynamics, M: sparse.spmatrix, *, tolerance: float
     >>> round(limit.dt, 5), limit.eigenvalue < limit.nodal_bound, limit.closed_form
     (0.01964, True, inf)
     """
-    m = diagonal_mass(M)
-    nodal, row_sum = nodal_bounds(body, m)
+    mass = mass_solver(M, np.empty(0, dtype=np.int64))
+    lumped = np.asarray(M.sum(axis=1)).ravel() if not isinstance(M, np.ndarray) else M
+    nodal, row_sum = nodal_bounds(body, lumped)
+    if not isinstance(mass, Lumped):
+        # M is at least the lumped mass over d + 2 (Wathen); nothing is known where K is not symmetric
+        nodal = nodal * (body.bonds.dim + 2) if body.symmetric else inf
     if not nodal > 0.0:
         raise ValueError("no bond has any stiffness: there is no stable step to compute")
-    value, residual, products = largest_eigenvalue(body, m, tolerance)
-    density = float(m.sum()) / (body.bonds.dim * float(element_volumes(body.bonds.mesh).sum()))
+    value, residual, products = largest_eigenvalue(body, mass, tolerance)
+    if not isfinite(value) and not isfinite(nodal):
+        raise ValueError("the largest eigenvalue did not converge and no bound is known: give the step yourself")
+    density = float(lumped.sum()) / (body.bonds.dim * float(element_volumes(body.bonds.mesh).sum()))
     return StepLimit(value, residual, nodal, row_sum, closed_form(body, density), products)

@@ -57,12 +57,12 @@ class State:
     @property
     def kinetic(self) -> float:
         """``v.M v / 2``"""
-        return 0.5 * float(self._mass @ (self.v * self.v))
+        return 0.5 * float(self.v @ self._mass.times(self.v))
 
     @property
     def ripple(self) -> float:
         """``dt^2/8 a.M a``: by this the energy of a linear run swings about a constant, without being wrong."""
-        return 0.125 * self.dt**2 * float(self._mass @ (self.a * self.a))
+        return 0.125 * self.dt**2 * float(self.a @ self._mass.times(self.a))
 
     @cached_property
     def energies(self) -> Energies:
