@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ._version import __version__
 from .analysis.damage import Census, Damage, census, damage
+from .analysis.dispersion import dispersion
 from .analysis.energies import discrete_energy
 from .bonds.ball import BallRule
 from .bonds.bond_basis import BondBasis
@@ -61,6 +62,7 @@ __all__ = [
     "constant",
     "damage",
     "discrete_energy",
+    "dispersion",
     "gaussian",
     "interpolate",
     "layer_traction",

@@ -12,17 +12,18 @@ from math import ceil
 import numpy as np
 
 from .._types import Basis, Csr, Floats, Load, Longs, Mesh
+from ..bonds.ball import BallRule
 from ..bonds.bond_basis import BondBasis
-from ..bonds.rules import PairRule
+from ..bonds.rules import Rule
 from ..geometry.layers import collar, named_facets, region
 from ..geometry.simplices import vertex_volumes
 from ..geometry.slit import Crack, facets_on, slit
 from ..material.calibration import Material
-from ..bonds.parts import PairPart
+from ..bonds.parts import BallPart, PairPart
 from ..model.kernels import matrix_bytes
 from ..model.loads import layer_share, traction
 from ..model.mass import mass_matrix
-from ..model.peridynamics import Peridynamics
+from ..model.peridynamics import MATRIX_MEMORY, Peridynamics
 from ..solve.cfl import StepLimit, stable_time_step
 from ..solve.constraints import Prescribed, check_fixed
 from .formula import Formula
@@ -34,6 +35,7 @@ _log = logging.getLogger("skfem_peridynamics")
 _AXES = ("x", "y", "z")
 _MOST_STEPS = 1e10
 _PROGRAM = 120_000_000  # bytes of the interpreter and the libraries
+_BALANCING = {1: 180, 2: 400, 3: 800}  # bytes a bond while weights are balanced
 _SPARE = 0.8  # of the free memory that a run may plan to take
 
 
@@ -63,6 +65,8 @@ class Problem:
         from skfem import Basis, ElementLineP1, ElementTetP1, ElementTriP1, ElementVector
 
         element = (ElementLineP1, ElementTriP1, ElementTetP1)[self.mesh.dim() - 1]()
+        if self.mass_kind == "consistent":
+            return Basis(self.mesh, ElementVector(element), intorder=2)
         # a run sums over bonds, not over elements: the basis only numbers, so one element is all it tabulates
         return Basis(self.mesh, ElementVector(element), elements=np.array([0]), intorder=1)
 
@@ -75,9 +79,8 @@ class Problem:
     @cached_property
     def bonds(self) -> BondBasis:
         table = self.scene.bonds
-        rule = PairRule(partial_volume=table.partial_volume)
         with blame("bonds"):
-            bonds = BondBasis(self.basis, table.horizon, table.influence, rule, table.boundary_function)
+            bonds = BondBasis(self.basis, table.horizon, table.influence, self.rule, table.boundary_function)
         extent = float(np.ptp(self.mesh.p, axis=1).max())
         if table.horizon > extent:
             _log.warning("bonds.horizon = %g is larger than the body, which measures %g", table.horizon, extent)
@@ -90,19 +93,42 @@ class Problem:
             )
         with blame("bonds"):
             _ = bonds.parts  # made here, where a vertex without a bond has a key to blame
+            if table.balanced:
+                bonds = bonds.balanced()
         return bonds
 
     @cached_property
+    def rule(self) -> Rule:
+        with blame("bonds"):
+            return self.scene.bonds.make_rule()
+
+    @property
+    def mass_kind(self) -> str:
+        """Lumped, or consistent where Gauss points are outside: what each kind of bonds is accurate with."""
+        outside = self.scene.bonds.rule == "gauss_pairs" or (
+            self.scene.bonds.rule == "ball" and self.scene.bonds.outer != "vertices"
+        )
+        return self.scene.time.mass or ("consistent" if outside else "lumped")
+
+    @property
+    def scheme(self) -> str:
+        """The name of the scheme, for the summary."""
+        strong = isinstance(self.rule, BallRule) and not self.rule.symmetric and self.rule.outer == "vertices"
+        form = "strong form" if strong else "weak form"
+        return f"central difference, {form}, {self.mass_kind} mass"
+
+    @cached_property
     def expected_bonds(self) -> int:
-        rule = PairRule(partial_volume=self.scene.bonds.partial_volume)
-        return rule.estimate(self.mesh, self.scene.bonds.horizon)
+        return self.rule.estimate(self.mesh, self.scene.bonds.horizon)
 
     @property
     def expected_bytes(self) -> int:
         """Memory of the run: bonds as listed and as blocks, the mesh, fields, and what the program itself takes."""
         dim, nvertices, nelements = (int(x) for x in (self.mesh.dim(), self.mesh.nvertices, self.mesh.nelements))
-        per_bond = 24 + 40 + matrix_bytes(1, dim, PairPart)
-        return self.expected_bonds * per_bond + 60 * 8 * dim * nvertices + 200 * dim * nelements + _PROGRAM
+        kind = BallPart if isinstance(self.rule, BallRule) else PairPart
+        matrices = min(matrix_bytes(self.expected_bonds, dim, kind), MATRIX_MEMORY)
+        per_bond = 64 + (_BALANCING[dim] if self.scene.bonds.balanced else 0)
+        return int(self.expected_bonds * per_bond + matrices) + 60 * 8 * dim * nvertices + 200 * dim * nelements + _PROGRAM
 
     @cached_property
     def body(self) -> Peridynamics:
@@ -116,7 +142,7 @@ class Problem:
 
     @cached_property
     def mass(self) -> Csr:
-        return mass_matrix(self.basis, density=self.scene.material.density)
+        return mass_matrix(self.basis, density=self.scene.material.density, kind=self.mass_kind)
 
     @cached_property
     def limit(self) -> StepLimit:

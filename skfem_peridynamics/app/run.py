@@ -133,9 +133,10 @@ def run(scene: Scene, out: str | Path, progress: Progress | None = None) -> dict
         "version": __version__,
         "status": "running",
         "rule": problem.bonds.rule.name,
-        "scheme": "central difference, lumped mass",
+        "scheme": problem.scheme,
         "nodes": int(problem.mesh.nvertices),
         "bonds": int(problem.bonds.nbonds),
+        **_balance(problem),
         "blocks": blocks,
         "dt": dt,
         "dt_limit": limit.steps(),
@@ -202,6 +203,14 @@ def run(scene: Scene, out: str | Path, progress: Progress | None = None) -> dict
             }
             write_summary(out / "summary.json", summary)
     return summary
+
+
+def _balance(problem: Problem) -> dict[str, Any]:
+    """What the summary says of balanced weights; nothing where there are none."""
+    balance = problem.bonds.balance
+    if balance is None:
+        return {}
+    return {"unbalanced_vertices": len(balance.unbalanced), "smallest_weight_ratio": balance.smallest}
 
 
 def _row(state: State, count: Census) -> tuple[float, ...]:

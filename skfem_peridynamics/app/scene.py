@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ..bonds.ball import BallRule
+from ..bonds.rules import PairRule, Rule
 from .formula import Formula, FormulaError
 from .reading import SceneError, choice, count, counts, flag, key, number, positive, rows, table, tables, text
 
@@ -73,12 +75,38 @@ class MaterialTable:
 
 @dataclass(frozen=True)
 class BondsTable:
-    """``[bonds]``: horizon, influence function, partial volumes, the paper's boundary function."""
+    """``[bonds]``: horizon, influence function, the paper's boundary function, and the rule of the double integral.
+
+    ``rule`` is ``"pairs"`` of vertices, ``"gauss_pairs"`` or ``"ball"``. ``partial_volume`` goes with pairs; ``radial``,
+    ``angular``, ``outer`` and ``symmetric`` with the ball. ``balanced`` weights pass the patch test on any mesh.
+    """
 
     horizon: float = key(positive)
     influence: str = key(choice("constant", "conical", "gaussian"), "constant")
-    partial_volume: bool = key(flag, True)
     boundary_function: str | None = key(choice("smooth"), None)
+    rule: str = key(choice("pairs", "gauss_pairs", "ball"), "pairs")
+    partial_volume: bool | None = key(flag, None)
+    radial: int | None = key(count, None)
+    angular: int | None = key(count, None)
+    outer: str | None = key(choice("gauss", "vertices"), None)
+    symmetric: bool | None = key(flag, None)
+    balanced: bool = key(flag, False)
+
+    def __post_init__(self) -> None:
+        theirs = ("partial_volume",) if self.rule == "ball" else ("radial", "angular", "outer", "symmetric")
+        for name in theirs:
+            if getattr(self, name) is not None:
+                raise ValueError(f"{name} = {getattr(self, name)!r} does not go with rule = {self.rule!r}")
+        if self.balanced and self.symmetric is False:
+            raise ValueError("balanced = true does not go with symmetric = false: a one-sided rule needs no balance")
+
+    def make_rule(self) -> Rule:
+        """Return the rule that the keys describe. Raises ``ValueError`` for counts that make none."""
+        names = ("radial", "angular", "outer", "symmetric") if self.rule == "ball" else ("partial_volume",)
+        given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        if self.rule == "ball":
+            return BallRule(**given)
+        return PairRule(points="gauss" if self.rule == "gauss_pairs" else "vertices", **given)
 
 
 @dataclass(frozen=True)
@@ -164,11 +192,15 @@ class InitialTable:
 
 @dataclass(frozen=True)
 class TimeTable:
-    """``[time]``: run ``until``; the step is ``safety`` times the stable limit, or ``step`` as given."""
+    """``[time]``: run ``until``; the step is ``safety`` times the stable limit, or ``step`` as given.
+
+    ``mass`` is ``"lumped"`` or ``"consistent"``; without it rules with Gauss points outside take the consistent one.
+    """
 
     until: float = key(positive)
     safety: float = key(positive, 0.9)
     step: float | None = key(positive, None)
+    mass: str | None = key(choice("lumped", "consistent"), None)
 
 
 @dataclass(frozen=True)

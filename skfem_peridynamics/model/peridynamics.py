@@ -25,6 +25,9 @@ from .kernels import Block, Team, make_blocks, matrix_bytes
 _ROUND_OFF = 1e-9  # P1 values below this do not count as use of a vertex
 
 
+MATRIX_MEMORY = 4e9  # bytes
+
+
 def usable_cores() -> int:
     """Return how many processors this process may use."""
     if hasattr(os, "sched_getaffinity"):
@@ -55,7 +58,7 @@ class Peridynamics:
     material: Material | Potential
     no_fail: npt.ArrayLike | None = None
     threads: int | None = None
-    matrix_memory: float = 4e9
+    matrix_memory: float = MATRIX_MEMORY
 
     def with_(self, **changes: Any) -> Peridynamics:
         """Return a copy with other bonds, another material, no-fail vertices or threads."""
