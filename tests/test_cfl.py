@@ -180,7 +180,7 @@ def test_no_stiffness_at_all():
 
 RULES = [
     PairRule(points="gauss"),
-    BallRule(2, 4, outer="vertices"),
+    BallRule(2, 20, outer="vertices"),
     BallRule(2, 4),
     BallRule(2, 4, symmetric=False),
     BallRule(2, 4, outer="vertices", symmetric=False),

@@ -12,7 +12,7 @@ from skfem_peridynamics import BallRule, BondBasis, Exponential, PairRule, conic
 RULES = [
     PairRule(),
     PairRule(points="gauss"),
-    BallRule(2, 4, outer="vertices"),
+    BallRule(2, 20, outer="vertices"),
     BallRule(2, 4),
     BallRule(2, 4, symmetric=False),
     BallRule(2, 4, outer="vertices", symmetric=False),

@@ -4,20 +4,21 @@ import numpy as np
 import pytest
 
 from bodies import at_vertices, grid, vector_basis
-from skfem_peridynamics import BondBasis, Material, Peridynamics
+from skfem_peridynamics import BondBasis, Material, PairRule, Peridynamics
 
 
-def opened(dim, widths, per_horizon, influence, calibrate):
+def opened(dim, widths, per_horizon, influence, calibrate, rule=None):
+    rule = rule or PairRule()
     half = per_horizon + 1
     sides = [(float(n), n) for n in widths] + [(float(2 * half + 1), 2 * half + 1)]
     mesh = grid(*sides)
     material = Material.from_elastic(
         young=1.0, toughness=1.0, density=1.0, plane="strain" if dim == 2 else None, calibrate=calibrate
     )
-    bonds = BondBasis(vector_basis(mesh), float(per_horizon), influence)
+    bonds = BondBasis(vector_basis(mesh), float(per_horizon), influence, rule)
     if calibrate == "discrete":  # the moment of a body large enough to have an inside
         n = 2 * per_horizon + 4
-        deep = BondBasis(vector_basis(grid(*((float(n), n),) * dim)), float(per_horizon), influence)
+        deep = BondBasis(vector_basis(grid(*((float(n), n),) * dim)), float(per_horizon), influence, rule)
         law = material.law(dim, *deep.discrete_moments)
     else:
         law = material.law(dim, bonds.moment)

@@ -13,11 +13,14 @@ import numpy as np
 
 from .._types import Floats, Ints, Longs, Mesh
 from ..geometry.rays import Tracer
+from ..geometry.simplices import describe_point, vertex_volumes
 from ..material.influence import Influence
 from . import parts
 from .parts import BallPart, Fan, Part
 from .quadrature import half_sphere, radial_rule
 from .samples import Samples, gauss_samples, vertex_samples
+
+_LOOSE = 1e-6  # of the median stiffness of a vertex and its volume: less is no stiffness
 
 
 @dataclass(frozen=True)
@@ -74,13 +77,16 @@ class BallRule:
         return sites * self.radial * len(self.directions(dim)[0])
 
     def parts(self, mesh: Mesh, samples: Samples, horizon: float, influence: Influence) -> list[Part]:
-        """Return the bonds, by site, direction and node."""
+        """Return the bonds, by site, direction and node.
+
+        Raises ``ValueError`` when there are too few directions to hold a vertex, at a corner of the body for example.
+        """
         dim = int(mesh.dim())
         directions, _ = self.directions(dim)
         nodes = np.stack([self._radial(dim, J)[0] for J in (influence, np.ones_like)])
         fan = Fan(directions, nodes, horizon, Tracer(mesh), samples.place[mesh.t.T].astype(np.int32))
         per_site = len(directions) * self.radial
-        out: list[Part] = []
+        out: list[BallPart] = []
         for low in range(0, len(samples.sites), max(1, parts.BLOCK // per_site)):
             run = slice(low, low + max(1, parts.BLOCK // per_site))
             site = samples.sites[run]
@@ -92,7 +98,26 @@ class BallRule:
             out.append(
                 BallPart(samples, fan, first, width, (site - first).astype(np.int32), reach, element, weight.ravel())
             )
-        return out
+        self._check(mesh, samples, out)
+        return list(out)
+
+    def _check(self, mesh: Mesh, samples: Samples, made: list[BallPart]) -> None:
+        """Raise ``ValueError`` for a vertex that its bonds do not hold in every direction: K would be singular."""
+        dim = int(mesh.dim())
+        held = np.zeros((samples.nsamples, dim * dim))
+        for part in made:
+            xi = part.vectors()
+            e = xi / np.maximum(np.linalg.norm(xi, axis=1, keepdims=True), np.finfo(float).tiny)
+            stiffness = part.weight[:, None] * np.einsum("na,nb->nab", e, e).reshape(len(e), -1)
+            held[part.first : part.first + part.width] += part.incidence(1.0).T @ stiffness
+        lam = np.linalg.eigvalsh(samples.spread(held).reshape(-1, dim, dim)) / vertex_volumes(mesh)[:, None]
+        loose = np.flatnonzero(lam[:, 0] < _LOOSE * np.median(lam[:, -1]))
+        if len(loose):
+            raise ValueError(
+                f"rule = {self.name}: its bonds do not hold vertex {loose[0]} at "
+                f"{describe_point(mesh.p[:, loose[0]])} in every direction ({len(loose)} of {mesh.nvertices} vertices); "
+                'take more directions, a larger angular, or outer = "gauss"'
+            )
 
     def _radial(self, dim: int, influence: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
         """Nodes and weights of the plain integral of ``s^(d-1)`` over a ray; the rule itself holds ``J s^power``."""
