@@ -1,8 +1,8 @@
 """A double integral of one's own in a plain scikit-fem script: a strip of two materials, pulled.
 
-The package knows one material. Here the stiffness of a bond is the harmonic mean of those at its two ends, written as an
-ordinary ``@BilinearForm``: displacements come in pairs, at x and at y, and ``w`` holds ``x, y, xi, r``. Assembly, the
-clamped end and the solution are scikit-fem's own.
+The package knows one material. Here the stiffness of a bond is the harmonic mean of those at its two ends, written as
+an ordinary ``@BilinearForm``: displacements come in pairs, at x and at y, and ``w`` holds ``x, y, xi, r``. Assembly,
+the clamped end and the solution are scikit-fem's own.
 
 python examples/own_form.py
 """

@@ -1,4 +1,4 @@
-"""The force of a smooth field on the unit square, by polar Gauss quadrature: no mesh, no bonds, no code of the package."""
+"""The force of a smooth field on the unit square, by polar Gauss quadrature: no mesh, no code of the package."""
 
 import numpy as np
 

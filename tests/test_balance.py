@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import scipy.sparse.linalg
 import skfem
+from reference import force_on_square
 from scipy.integrate import quad
 from skfem.quadrature import get_quadrature
 
 from bodies import ELEMENT, at_vertices, body_on, box, grid, vector_basis
-from reference import force_on_square
 from skfem_peridynamics import BallRule, BondBasis, Crack, Exponential, Linear, PairRule, mass_matrix, slit
 from skfem_peridynamics.bonds.balance import _piece, killing_tensors, monomials, ratio_of, slope_of_ratio
 from skfem_peridynamics.bonds.targets import moment_targets
@@ -45,7 +45,10 @@ def test_patch_test_positivity_and_symmetry(dim, kind, w):
         bonds = plain.bonds.balanced()
         body, balance = plain.with_(bonds=bonds), bonds.balance
         before, after = patch_error(plain), patch_error(body)
-        print(f"{dim}D {kind}, w = {w}, {rule.name}: patch test {before:.1e} -> {after:.1e}; weights x {balance.smallest:.2f}")
+        print(
+            f"{dim}D {kind}, w = {w}, {rule.name}: patch test {before:.1e} -> {after:.1e}, "
+            f"weights x {balance.smallest:.2f}"
+        )
         assert after < 1e-8
         assert kind == "structured" or before > 1e-3
         assert balance.smallest > 0.0
@@ -70,7 +73,7 @@ def test_patch_test_in_3d_and_beside_a_slit(rule):
     free = np.ones(cracked.nvertices, dtype=bool)
     free[np.unique(cracked.facets[:, cracked.boundary_facets()])] = False
     moved = type(cracked)(cracked.p + shift * free, cracked.t)
-    for mesh, eps in ((moved, 0.2), (box(3, 7, "random"), 0.28)):
+    for mesh, eps in ((moved, 0.2), (box(3, 8, "random"), 0.25)):
         bonds = BondBasis(vector_basis(mesh), eps, rule=rule).balanced()
         body = body_on(mesh, eps, rule=rule).with_(bonds=bonds)
         assert patch_error(body) < 1e-8
@@ -101,13 +104,15 @@ def test_targets_are_the_integrals_in_1d():
             both = []
             for side in (-1, 1):
                 reach = min(eps, t if side < 0 else 1 - t)
-                both.append(quad(lambda r: (1 - r / eps) * omega(t + side * r), 0, reach, limit=200)[0])
+                both.append(quad(lambda r, side=side: (1 - r / eps) * omega(t + side * r), 0, reach, limit=200)[0])
             return omega(t) * (both[1] - both[0])
 
         for i in (0, 1, 3):
             low, high = x[max(i - 1, 0)], x[i + 1]
             breaks = [b for b in (x[i], eps, 1 - eps) if low < b < high]
-            exact = 2 * quad(lambda t, i=i: np.interp(t, x, np.eye(9)[i]) * along(t), low, high, points=breaks or None)[0]
+            exact = (
+                2 * quad(lambda t, i=i: np.interp(t, x, np.eye(9)[i]) * along(t), low, high, points=breaks or None)[0]
+            )
             assert found[i] == pytest.approx(exact, abs=2e-3 * np.abs(found).max())
 
 
@@ -129,12 +134,14 @@ def test_ratios_are_positive_and_their_slope_is_one_at_rest():
     s = np.array([-1e8, -3.0, -1e-3, 0.0, 1e-3, 3.0, 1e8])
     assert (ratio_of(s) > 0).all()
     step = 1e-6
-    assert slope_of_ratio(s[1:-1]) == pytest.approx((ratio_of(s[1:-1] + step) - ratio_of(s[1:-1] - step)) / (2 * step), rel=1e-8)
+    assert slope_of_ratio(s[1:-1]) == pytest.approx(
+        (ratio_of(s[1:-1] + step) - ratio_of(s[1:-1] - step)) / (2 * step), rel=1e-8
+    )
     assert slope_of_ratio(np.zeros(1))[0] == 1.0
 
 
 def test_toughness_hardly_moves():
-    """Energy of a fully opened crack, straight along vertices of a lattice and ragged on a random mesh, before and after."""
+    """Energy of a fully opened crack, straight on a lattice and ragged on a random mesh, before and after."""
     for kind in ("structured", "random"):
         mesh = box(2, 24, kind)
         body = body_on(mesh, 4 / 24, Exponential(1.0, 1e-9))
@@ -198,17 +205,27 @@ def force_errors(kind, per_horizon, rules, eps=0.2):
         bonds = bonds.balanced() if balance else bonds
         body = body_on(mesh, eps, Exponential(1.0, 0.5), rule=rule).with_(bonds=bonds)
         miss = body.force(u) - dual
-        shift = np.concatenate([np.zeros(3), answer((miss - M @ (rigid @ np.linalg.solve(rigid.T @ (M @ rigid), rigid.T @ miss)))[3:])])
-        errors = norm(solve(miss)) / norm(exact), norm(solve(miss) * deep) / norm(exact * deep), norm(without_rigid(shift)) / norm(without_rigid(u))
+        shift = np.concatenate(
+            [np.zeros(3), answer((miss - M @ (rigid @ np.linalg.solve(rigid.T @ (M @ rigid), rigid.T @ miss)))[3:])]
+        )
+        errors = (
+            norm(solve(miss)) / norm(exact),
+            norm(solve(miss) * deep) / norm(exact * deep),
+            norm(without_rigid(shift)) / norm(without_rigid(u)),
+        )
         name = f"{rule.name}{', balanced' if balance else ''}"
         out[name] = errors
         whole, inside, static = (f"{e:.1e}" for e in errors)
-        print(f"{kind}, eps/h = {per_horizon}, {name}, {bonds.nbonds / mesh.nvertices:.0f} bonds a node: force {whole}, inside {inside}; displacement {static}", flush=True)
+        print(
+            f"{kind}, eps/h = {per_horizon}, {name}, {bonds.nbonds / mesh.nvertices:.0f} bonds a node: "
+            f"force {whole}, inside {inside}; displacement {static}",
+            flush=True,
+        )
     return out
 
 
-# at four vertices per horizon: force over the body and inside, displacement; measured. The interpolant itself, integrated
-# exactly, misses the force by 2.4e-3, 8.7e-3 and 3.9e-3 on the three meshes: no rule can do better
+# at four vertices per horizon: force over the body and inside, displacement; measured. The interpolant itself,
+# integrated exactly, misses the force by 2.4e-3, 8.7e-3 and 3.9e-3 on the three meshes: no rule can do better
 MEASURED = {
     ("structured", 8): (8.1e-3, 1.3e-3, 1.1e-3),
     ("random", 8): (1.4e-2, 1.7e-2, 1.5e-3),

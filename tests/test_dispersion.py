@@ -20,12 +20,16 @@ def brute_symbol(kappa, dim, wave, J):
         return c**2 if wave == "P" else (1 - c**2) / (dim - 1)
 
     if dim == 2:
-        return 4 / np.pi * dblquad(
-            lambda t, s: J(s) * (1 - np.cos(kappa * s * np.cos(t))) * along(np.cos(t)), 0, 1, 0, 2 * np.pi
-        )[0]
-    return 4 / OMEGA[3] * dblquad(
-        lambda c, s: 2 * np.pi * s * J(s) * (1 - np.cos(kappa * s * c)) * along(c), 0, 1, -1, 1
-    )[0]
+        return (
+            4
+            / np.pi
+            * dblquad(lambda t, s: J(s) * (1 - np.cos(kappa * s * np.cos(t))) * along(np.cos(t)), 0, 1, 0, 2 * np.pi)[0]
+        )
+    return (
+        4
+        / OMEGA[3]
+        * dblquad(lambda c, s: 2 * np.pi * s * J(s) * (1 - np.cos(kappa * s * c)) * along(c), 0, 1, -1, 1)[0]
+    )
 
 
 @pytest.mark.parametrize("dim", [1, 2, 3])

@@ -56,7 +56,7 @@ def test_stock_forms_agree_with_the_fast_operators(dim, rule):
         twice = 2.0 if rule.symmetric else 4.0  # a directed bond acts on x only, and carries the other order's force
 
         @LinearForm
-        def force(v1, v2, w, both=both):
+        def force(v1, v2, w, both=both, twice=twice):
             S = strain(*w.u, w)
             test = strain(v1, v2 if rule.symmetric else 0.0 * v2, w)
             return -both(w) * twice * LAW.df(w.r * S**2) * w.r * S * test
@@ -65,7 +65,7 @@ def test_stock_forms_agree_with_the_fast_operators(dim, rule):
         assert body.force(u) == pytest.approx(F, abs=1e-12 * np.abs(F).max())
 
         @BilinearForm
-        def a_l(u1, u2, v1, v2, w, both=both):
+        def a_l(u1, u2, v1, v2, w, both=both, twice=twice):
             test = strain(v1, v2 if rule.symmetric else 0.0 * v2, w)
             return twice * both(w) * LAW.slope * w.r * strain(u1, u2, w) * test
 

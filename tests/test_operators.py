@@ -38,9 +38,7 @@ def make(case):
     dim, kind, influence, law, w, rule, kept, seed = case
     mesh = box(dim, DIVISIONS[dim], kind, seed % 7)
     memory = 1e9 if kept else 0.0  # matrices of bonds kept, or remade at every use
-    body = body_on(
-        mesh, HORIZON[dim], law, influence, boundary_function=w, rule=rule, threads=1, matrix_memory=memory
-    )
+    body = body_on(mesh, HORIZON[dim], law, influence, boundary_function=w, rule=rule, threads=1, matrix_memory=memory)
     return body, mesh, np.random.default_rng(seed)
 
 

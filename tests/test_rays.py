@@ -93,7 +93,9 @@ def test_rays_end_at_slits_notches_and_holes(which):
     if which == "slit":
         mesh = slit(box(2, 8), Crack([[0.0, 0.5], [0.5, 0.5]]))
     elif which == "slit 3D":
-        mesh = slit(grid((1.0, 3), (1.0, 3), (1.0, 4)), Crack([[0, 0, 0.5], [2 / 3, 0, 0.5], [2 / 3, 1, 0.5], [0, 1, 0.5]]))
+        mesh = slit(
+            grid((1.0, 3), (1.0, 3), (1.0, 4)), Crack([[0, 0, 0.5], [2 / 3, 0, 0.5], [2 / 3, 1, 0.5], [0, 1, 0.5]])
+        )
     elif which == "notch":
         mesh = skfem.MeshTri.init_lshaped().refined(3)
     else:

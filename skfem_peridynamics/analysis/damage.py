@@ -10,7 +10,6 @@ from .._types import Floats
 from ..model.kernels import Block
 from ..model.peridynamics import Peridynamics
 
-
 _USED = 1e-9  # P1 values below this are round-off: the bond does not use the vertex
 
 

@@ -27,8 +27,8 @@ def dispersion(
 ) -> Floats:
     """Return the angular frequency of plane waves ``exp(i (k.x - omega t))``, shape of ``wave_number``.
 
-    ``wave`` is ``"P"`` (polarised along k) or ``"S"`` (across, not in 1D); ``slope`` is ``f'(0)``, see ``body.law``. The
-    body is isotropic, so only ``|k|`` matters. For long waves ``omega = k sqrt((lambda + 2 mu)/rho)`` or
+    ``wave`` is ``"P"`` (polarised along k) or ``"S"`` (across, not in 1D); ``slope`` is ``f'(0)``, see ``body.law``.
+    The body is isotropic, so only ``|k|`` matters. For long waves ``omega = k sqrt((lambda + 2 mu)/rho)`` or
     ``k sqrt(mu/rho)``. Raises ``ValueError`` for another wave or dimension.
 
     >>> k = np.array([1e-3, 20.0])                                     # eps = 0.1: long, and three horizons long
@@ -51,7 +51,7 @@ def dispersion(
 
 
 def _angular(a: Floats, dim: int, wave: str) -> Floats:
-    """``int (1 - cos(a e.n)) (e.m)^2`` over unit vectors e, with m along the wave's direction n (P) or across it (S)."""
+    """``int (1 - cos(a e.n)) (e.m)^2`` over unit vectors e; m along the wave's direction n (P) or across it (S)."""
     from scipy.special import j0, jv, spherical_jn
 
     if dim == 1:
@@ -59,12 +59,15 @@ def _angular(a: Floats, dim: int, wave: str) -> Floats:
         return out
     if dim == 2:
         bend = _ratio(lambda z: jv(1, z), a, 0.5)
-        return 2.0 * pi * ((0.5 - j0(a) + bend) if wave == "P" else (0.5 - bend))
+        flat: Floats = 2.0 * pi * ((0.5 - j0(a) + bend) if wave == "P" else (0.5 - bend))
+        return flat
     bend = _ratio(lambda z: spherical_jn(1, z), a, 1.0 / 3.0)
-    along = 4.0 * pi * (1.0 / 3.0 - spherical_jn(0, a) + 2.0 * bend)
-    return along if wave == "P" else 0.5 * (4.0 * pi * (1.0 - spherical_jn(0, a)) - along)
+    along: Floats = 4.0 * pi * (1.0 / 3.0 - spherical_jn(0, a) + 2.0 * bend)
+    across: Floats = 0.5 * (4.0 * pi * (1.0 - spherical_jn(0, a)) - along)
+    return along if wave == "P" else across
 
 
 def _ratio(function: Any, a: Floats, at_zero: float) -> Floats:
     """``function(a) / a`` with its limit at 0."""
-    return np.divide(function(a), a, out=np.full_like(a, at_zero), where=a != 0.0)
+    ratio: Floats = np.divide(function(a), a, out=np.full_like(a, at_zero), where=a != 0.0)
+    return ratio

@@ -14,12 +14,12 @@ import numpy as np
 from .._types import Basis, Csr, Floats, Load, Longs, Mesh
 from ..bonds.ball import BallRule
 from ..bonds.bond_basis import BondBasis
+from ..bonds.parts import BallPart, PairPart
 from ..bonds.rules import Rule
 from ..geometry.layers import collar, named_facets, region
 from ..geometry.simplices import vertex_volumes
 from ..geometry.slit import Crack, facets_on, slit
 from ..material.calibration import Material
-from ..bonds.parts import BallPart, PairPart
 from ..model.kernels import matrix_bytes
 from ..model.loads import layer_share, traction
 from ..model.mass import mass_matrix
@@ -128,7 +128,9 @@ class Problem:
         kind = BallPart if isinstance(self.rule, BallRule) else PairPart
         matrices = min(matrix_bytes(self.expected_bonds, dim, kind), MATRIX_MEMORY)
         per_bond = 64 + (_BALANCING[dim] if self.scene.bonds.balanced else 0)
-        return int(self.expected_bonds * per_bond + matrices) + 60 * 8 * dim * nvertices + 200 * dim * nelements + _PROGRAM
+        return (
+            int(self.expected_bonds * per_bond + matrices) + 60 * 8 * dim * nvertices + 200 * dim * nelements + _PROGRAM
+        )
 
     @cached_property
     def body(self) -> Peridynamics:

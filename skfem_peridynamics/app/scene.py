@@ -77,8 +77,9 @@ class MaterialTable:
 class BondsTable:
     """``[bonds]``: horizon, influence function, the paper's boundary function, and the rule of the double integral.
 
-    ``rule`` is ``"pairs"`` of vertices, ``"gauss_pairs"`` or ``"ball"``. ``partial_volume`` goes with pairs; ``radial``,
-    ``angular``, ``outer`` and ``symmetric`` with the ball. ``balanced`` weights pass the patch test on any mesh.
+    ``rule`` is ``"pairs"`` of vertices, ``"gauss_pairs"`` or ``"ball"``. ``partial_volume`` goes with pairs,
+    ``radial``, ``angular``, ``outer`` and ``symmetric`` with the ball. Weights that are ``balanced`` pass the patch
+    test on any mesh.
     """
 
     horizon: float = key(positive)

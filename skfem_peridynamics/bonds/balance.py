@@ -17,7 +17,9 @@ near the boundary, where they carry a quadrature error; inside they stay exact.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import reduce
 from itertools import combinations_with_replacement
 from typing import TYPE_CHECKING
 
@@ -78,7 +80,7 @@ def powers(e: Floats, order: int) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """One part of the bonds: hats at x minus hats at y and their sum, (nbonds, nvertices), and the factors of the moments."""
+    """A part of the bonds: hats at x minus hats at y and their sum, (nbonds, nvertices); factors of the moments."""
 
     minus: Csr
     plus: Csr
@@ -133,12 +135,10 @@ class _Problem:
 
     def missed(self, s: list[Floats]) -> Floats:
         """What the weights ``w0 ratio(s)`` miss, (nvertices, n3 + n4)."""
-        total = sum(p.moments(w * ratio_of(x)) for p, w, x in zip(self.pieces, self.weights, s, strict=True))
+        total = _total(p.moments(w * ratio_of(x)) for p, w, x in zip(self.pieces, self.weights, s, strict=True))
         return (self.target - total) * self.active
 
-    def solve(
-        self, reached: float, damp: float = 0.0, rounds: int = 15
-    ) -> tuple[list[Floats], Floats, int]:
+    def solve(self, reached: float, damp: float = 0.0, rounds: int = 15) -> tuple[list[Floats], Floats, int]:
         """Newton's method. Return s, what is missed and the iterations."""
         s = [np.zeros(len(w)) for w in self.weights]
         missed, iterations = self.missed(s), 0
@@ -168,8 +168,9 @@ class _Problem:
 
         def forward(z: Floats) -> Floats:
             parts = np.split(z.ravel(), ends)
-            total = sum(p.moments(r * x) for p, r, x in zip(self.pieces, roots, parts, strict=True))
-            return np.einsum("nij,nj->ni", half, total).ravel()
+            total = _total(p.moments(r * x) for p, r, x in zip(self.pieces, roots, parts, strict=True))
+            scaled: Floats = np.einsum("nij,nj->ni", half, total).ravel()
+            return scaled
 
         def backward(y: Floats) -> Floats:
             spread = np.einsum("nji,nj->ni", half, y.reshape(missed.shape))
@@ -186,12 +187,16 @@ class _Problem:
 
     def _half_inverse(self, slopes: list[Floats]) -> Floats:
         """Of each vertex the inverse square root of its own block, on its active rows."""
-        blocks = sum(p.blocks(w) for p, w in zip(self.pieces, slopes, strict=True))
+        blocks = _total(p.blocks(w) for p, w in zip(self.pieces, slopes, strict=True))
         blocks = blocks * (self.active[:, :, None] & self.active[:, None, :])
         lam, V = np.linalg.eigh(blocks)
         inverse = np.zeros_like(lam)
         np.divide(1.0, np.sqrt(np.maximum(lam, 0.0)), out=inverse, where=lam > _FLAT * lam[:, -1:])
         return np.swapaxes(V * inverse[:, None, :], 1, 2)
+
+
+def _total(parts: Iterable[Floats]) -> Floats:
+    return reduce(np.add, parts)
 
 
 def ratio_of(s: Floats) -> Floats:
@@ -217,8 +222,8 @@ def balance(bonds: BondBasis) -> Balance:
     targets = moment_targets(bonds)
     n3, n4 = (len(monomials(bonds.dim, order)) for order in (3, 4))
     pieces, weights = [_piece(bonds, part) for part in bonds.parts], [part.weight for part in bonds.parts]
-    now = sum(piece.moments(w) for piece, w in zip(pieces, weights, strict=True))
-    used = sum(piece.plus.T @ w for piece, w in zip(pieces, weights, strict=True)) > 0.0
+    now = _total(piece.moments(w) for piece, w in zip(pieces, weights, strict=True))
+    used = _total(piece.plus.T @ w for piece, w in zip(pieces, weights, strict=True)) > 0.0
     sampled = np.repeat(used[:, None], n3 + n4, axis=1)
     target = targets.values.copy()
     target[:, :n3] -= _incompatible(bonds, (target - now)[:, :n3], targets.near_boundary)
@@ -244,7 +249,7 @@ def balance(bonds: BondBasis) -> Balance:
     s, _, count = inside.solve(_REACHED)
     iterations += count
     new = [w * ratio_of(x) for w, x in zip(weights, s, strict=True)]
-    left = target[:, :n3] - sum(piece.moments(w) for piece, w in zip(pieces, new, strict=True))[:, :n3]
+    left = target[:, :n3] - _total(piece.moments(w) for piece, w in zip(pieces, new, strict=True))[:, :n3]
     left = np.abs(left * sampled[:, :n3]).max(axis=1) / largest
     old = np.concatenate([part.weight for part in bonds.parts])
     ratio = np.concatenate(new)[old > 0.0] / old[old > 0.0]
@@ -263,7 +268,10 @@ def _incompatible(bonds: BondBasis, gap: Floats, layer: Bools) -> Floats:
     """The part of ``target - moments`` that no weights can mend, spread over the layer near the boundary."""
     mesh = bonds.mesh
     Y = killing_tensors(mesh.p.T)
-    graph = sparse.coo_matrix((np.ones(mesh.t[1:].size), (np.broadcast_to(mesh.t[0], mesh.t[1:].shape).ravel(), mesh.t[1:].ravel())), shape=(mesh.nvertices,) * 2)
+    graph = sparse.coo_matrix(
+        (np.ones(mesh.t[1:].size), (np.broadcast_to(mesh.t[0], mesh.t[1:].shape).ravel(), mesh.t[1:].ravel())),
+        shape=(mesh.nvertices,) * 2,
+    )
     pieces, label = connected_components(graph, directed=False)
     out = np.zeros_like(gap)
     for piece in range(pieces):

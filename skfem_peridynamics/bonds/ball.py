@@ -33,9 +33,9 @@ class BallRule:
 
     ``symmetric=True`` samples the energy: half the ball does, each bond stands for both orders, the force acts on both
     ends. The radial rule is Gauss's for ``J(s) s^d``, which gives the elastic energy of linear fields exactly.
-    ``symmetric=False`` is the paper's literal ``-a(u, phi_i) = (P(u), phi_i)``: the whole ball, the force acts on x only,
-    radial weight ``J(s) s^(d-1)``. It is accurate on any mesh but is the gradient of no energy. With vertices outside it
-    is the paper's strong form, by collocation.
+    ``symmetric=False`` is the paper's literal ``-a(u, phi_i) = (P(u), phi_i)``: the whole ball, the force acts on x
+    only, radial weight ``J(s) s^(d-1)``. It is accurate on any mesh but is the gradient of no energy. With vertices
+    outside it is the paper's strong form, by collocation.
 
     Raises ``ValueError`` for counts below 1 or another ``outer``.
 
@@ -115,7 +115,8 @@ class BallRule:
         if len(loose):
             raise ValueError(
                 f"rule = {self.name}: its bonds do not hold vertex {loose[0]} at "
-                f"{describe_point(mesh.p[:, loose[0]])} in every direction ({len(loose)} of {mesh.nvertices} vertices); "
+                f"{describe_point(mesh.p[:, loose[0]])} in every direction "
+                f"({len(loose)} of {mesh.nvertices} vertices); "
                 'take more directions, a larger angular, or outer = "gauss"'
             )
 

@@ -191,7 +191,8 @@ class BondBasis:
         if not self.samples.at_vertices or not all(isinstance(part, PairPart) for part in self.parts):
             raise ValueError(f"rule = {self.rule.name}: its bonds do not end at vertices")
         ends = np.concatenate([part.ends + part.first for part in self.parts if isinstance(part, PairPart)])
-        return self.samples.vertices[ends.T, 0].astype(np.int64)
+        vertices: Longs = self.samples.vertices[ends.T, 0].astype(np.int64)
+        return vertices
 
     @property
     def nbytes(self) -> int:

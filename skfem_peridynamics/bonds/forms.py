@@ -40,9 +40,7 @@ class Sides:
     @cached_property
     def functions(self) -> list[tuple[int, int, int]]:
         """Side, place among its vertices, and component of each local function."""
-        return [
-            (side, k, a) for side in (0, 1) for k in range(self.vertices[side].shape[1]) for a in range(self.dim)
-        ]
+        return [(side, k, a) for side in (0, 1) for k in range(self.vertices[side].shape[1]) for a in range(self.dim)]
 
     @cached_property
     def dofs(self) -> Ints:

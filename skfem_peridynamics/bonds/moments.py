@@ -50,7 +50,9 @@ def discrete_moments(bonds: BondBasis) -> tuple[float, float]:
         weight = inside * part.weight * bonds.influence_of(part)
         strain += float(weight @ np.linalg.norm(part.vectors(), axis=1))
         if len(share):
-            crack += sum(float(weight @ length) * s for length, s in zip(_extents(bonds, part, normals), share))
+            crack += sum(
+                float(weight @ length) * s for length, s in zip(_extents(bonds, part, normals), share, strict=True)
+            )
     scale = bonds.prefactor / (2.0 * dim * volume)
     if not len(share):
         return scale * strain, scale * strain

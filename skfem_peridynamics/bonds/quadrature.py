@@ -10,9 +10,10 @@ import numpy as np
 from .._types import Floats
 
 # Lebedev degrees with positive weights only (13, 25 and 27 have negative ones), and angles by which each is turned.
-# Rays toward a plane face are cut at a length that has a kink where they run along it, and unturned rules put directions
-# right on the kinks of faces normal to the axes. Of 2,500 turns these integrate |e_x|, |e_y|, |e_z| times the monomials
-# of order four best: degree 7 to 0.017 of the largest in place of 0.114, degree 15 to 0.002 in place of 0.021.
+# The length of a ray that a plane face cuts has a kink where the ray runs along the face, and unturned rules put
+# directions right on the kinks of faces normal to the axes. Of 2,500 turns these integrate |e_x|, |e_y| and |e_z|
+# times the monomials of order four best: degree 7 to 0.017 of the largest in place of 0.114, degree 15 to 0.002 in
+# place of 0.021.
 _LEBEDEV = {
     3: (0.51, 0.90, 1.03),
     5: (0.69, 1.31, 0.87),

@@ -44,12 +44,12 @@ class Samples:
     @property
     def at_vertices(self) -> bool:
         """Whether the samples are the vertices, in another order."""
-        return self.vertices.shape[1] == 1
+        return bool(self.vertices.shape[1] == 1)
 
     @cached_property
     def matrix(self) -> Csr:
         """P1 values, csr (nsamples, nvertices)."""
-        n, k = self.vertices.shape
+        n = self.nsamples
         used = self.values != 0.0
         rows = np.concatenate([[0], np.cumsum(used.sum(axis=1))])
         matrix = sparse.csr_matrix((self.values[used], self.vertices[used], rows), shape=(n, self.nvertices))

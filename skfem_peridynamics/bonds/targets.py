@@ -11,6 +11,7 @@ from .._types import Bools, Floats
 from ..geometry.layers import distance_to_facets
 from ..geometry.rays import Tracer
 from ..geometry.simplices import vertex_volumes
+from ..material.influence import Influence, as_influence
 from .quadrature import half_sphere, radial_rule
 from .samples import gauss_samples
 
@@ -26,7 +27,7 @@ _SITES = 2048  # at a time
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """Moments of order three and four (nvertices, n3 + n4); which order-four ones are exact; where order three is not 0."""
+    """Moments of order three and four (nvertices, n3 + n4); where order four is exact, where order three is not 0."""
 
     values: Floats
     exact_four: Bools
@@ -51,7 +52,7 @@ def moment_targets(bonds: BondBasis) -> Targets:
     near[mesh.t[:, shallow]] = True
     three, four = monomials(dim, 3), monomials(dim, 4)
     values = np.zeros((mesh.nvertices, len(three) + len(four)))
-    influence = bonds.influence
+    influence = as_influence(bonds.influence)
     e, angle = half_sphere(dim, _DIRECTIONS[dim])
     e, angle = np.concatenate([e, -e]), np.concatenate([angle, angle])
     radial = float(influence.moment(dim))
@@ -88,7 +89,9 @@ def moment_targets(bonds: BondBasis) -> Targets:
                 axis=1,
             )
             weight = np.where(
-                is_cut[:, None], W_cut * influence(s) * ((rays.reach / eps) ** dim)[:, None], np.broadcast_to(W, s.shape)
+                is_cut[:, None],
+                W_cut * influence(s) * ((rays.reach / eps) ** dim)[:, None],
+                np.broadcast_to(W, s.shape),
             )
             own = np.einsum("nc,nc->n", nodal[sites.vertices[site]], sites.values[site])
             along = (at * weight).sum(axis=1) * np.repeat(own, k)
@@ -103,12 +106,13 @@ def moment_targets(bonds: BondBasis) -> Targets:
 class _Cumulative:
     """``int_0^a J(s) s^power ds`` for many a, from a table."""
 
-    def __init__(self, influence: object, power: int) -> None:
+    def __init__(self, influence: Influence, power: int) -> None:
         x, w = np.polynomial.legendre.leggauss(8)
         self.grid = np.linspace(0.0, 1.0, _TABLE + 1)
         s = self.grid[:-1, None] + 0.5 * (x + 1.0) / _TABLE
-        pieces = (influence(s) * s**power) @ (0.5 * w / _TABLE)  # type: ignore[operator]
+        pieces = (influence(s) * s**power) @ (0.5 * w / _TABLE)
         self.table = np.concatenate([[0.0], np.cumsum(pieces)])
 
     def __call__(self, a: Floats) -> Floats:
-        return np.interp(a, self.grid, self.table)
+        value: Floats = np.interp(a, self.grid, self.table)
+        return value

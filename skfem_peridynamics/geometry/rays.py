@@ -19,7 +19,9 @@ from .._types import Floats, Ints, Longs, Mesh
 _CHUNK = 1 << 15  # rays that advance together: bounds the memory
 _PARALLEL = 1e-12  # a facet steeper than this against the ray is crossed, others are run along
 _TIE = 1e-12  # of the length: exits this close are at one point
-_TURNS = 40  # rounds without advancing after which a ray is moved; a vertex of a good mesh has at most about 30 elements
+_TURNS = (
+    40  # rounds without advancing after which a ray is moved; a vertex of a good mesh has at most about 30 elements
+)
 _NUDGE = 1e-10  # of the length
 
 
@@ -80,7 +82,7 @@ class Tracer:
     def neighbour(self) -> Ints:
         return opposite_neighbours(self.mesh)
 
-    def barycentric(self, element: Longs, x: Floats) -> Floats:
+    def barycentric(self, element: Longs | Ints, x: Floats) -> Floats:
         """Return the barycentric coordinates of points x (n, dim) in given elements, (n, dim + 1)."""
         # written out: a product of many small matrices is slower
         gradient, away = self.gradient[element], x - self.base[element]
@@ -116,7 +118,7 @@ class Tracer:
         return found
 
     def first_elements(self, vertex: Longs, direction: Floats) -> Longs:
-        """Return the element at each vertex that a ray in a direction (n, dim) enters first; -1 where it leaves the body.
+        """Return the element at each vertex that a ray in a direction (n, dim) enters; -1 where it leaves the body.
 
         The choice is the element in whose cone the direction lies deepest; a direction that runs along the boundary
         is taken in.

@@ -83,9 +83,9 @@ class Facets:
 class Sight:
     """Decide visibility on one mesh; build it with :func:`sight`.
 
-    ``points`` are the inset vertices (dim, n), or points inside elements as they are, and ``size`` their sizes; ``blocking`` the facets that can block,
-    ``boundary`` all facets near those; ``near`` marks the vertices that have a blocking facet within reach; ``edges``
-    are the mesh edges there, as sorted numbers ``low * nvertices + high``.
+    ``points`` are the inset vertices (dim, n), or points inside elements as they are, and ``size`` their sizes;
+    ``blocking`` the facets that can block, ``boundary`` all facets near those; ``near`` marks the points that have a
+    blocking facet within reach; ``edges`` are the mesh edges there, as sorted numbers ``low * nvertices + high``.
     """
 
     points: Floats

@@ -21,7 +21,6 @@ from ..material.calibration import Elastic, Material
 from ..material.potential import Linear, Potential
 from .kernels import Block, Team, make_blocks, matrix_bytes
 
-
 _ROUND_OFF = 1e-9  # P1 values below this do not count as use of a vertex
 
 
@@ -41,8 +40,9 @@ class Peridynamics:
 
     ``no_fail`` lists vertices all of whose bonds stay linear for ever (a bond is no-fail when one end is).
     ``matrix_memory`` is how many bytes the strain matrices of the bonds may take; where they would take more they are
-    remade from the bond list at every use, some ten times slower. ``material`` may also be a :class:`~skfem_peridynamics.material.potential.Potential` given directly.
-    Arguments and results of the operators are vectors (N,) numbered as the basis numbers them.
+    remade from the bond list at every use, some ten times slower. ``material`` may also be a
+    :class:`~skfem_peridynamics.material.potential.Potential` given directly. Arguments and results of the operators
+    are vectors (N,) numbered as the basis numbers them.
 
     >>> import skfem
     >>> grid = np.linspace(0, 1, 17)

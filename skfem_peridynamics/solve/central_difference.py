@@ -38,9 +38,9 @@ def central_difference(
 ) -> Iterator[State]:
     """Step ``M u'' = force(u) + load(t)`` from t = 0 (or from ``start``) to ``until``; yield a state per step.
 
-    The first state is the initial one. ``M`` is the lumped or the consistent mass, ``load(t)`` a vector (N,), ``fixed`` the prescribed
-    motions. Every ``watch`` steps the energy balance is checked (0: never); ``limit`` only serves the message.
-    ``start`` continues an earlier run with the same bits.
+    The first state is the initial one. ``M`` is the lumped or the consistent mass, ``load(t)`` a vector (N,),
+    ``fixed`` the prescribed motions. Every ``watch`` steps the energy balance is checked (0: never); ``limit`` only
+    serves the message. ``start`` continues an earlier run with the same bits.
 
     Raises ``ValueError`` for arguments and loads that make no sense and :class:`UnstableRun` when the balance breaks.
 

@@ -91,13 +91,13 @@ def nodal_bounds(body: Peridynamics, m: Floats) -> tuple[float, float]:
         if not body.symmetric:
             C, weight = _only_x(C), 2.0 * weight
         A[block.window] += C.T @ (weight[:, None] * np.einsum("na,nb->nab", p, p).reshape(len(p), -1))
-    A = samples.spread(A).reshape(-1, dim, dim)
+    held = samples.spread(A).reshape(-1, dim, dim)
     scale = 1.0 / np.sqrt(m.reshape(-1, dim))
-    A *= scale[:, :, None] * scale[:, None, :]
-    trace = float(2.0 * np.trace(A, axis1=1, axis2=2).max())
+    held = held * scale[:, :, None] * scale[:, None, :]
+    trace = float(2.0 * np.trace(held, axis1=1, axis2=2).max())
     if not body.symmetric:
         return trace, trace
-    return float(2.0 * np.linalg.eigvalsh(A)[:, -1].max()), trace
+    return float(2.0 * np.linalg.eigvalsh(held)[:, -1].max()), trace
 
 
 def _only_x(C: Csr) -> Csr:
@@ -123,7 +123,8 @@ def largest_eigenvalue(body: Peridynamics, mass: MassSolver, tolerance: float) -
     def apply(x: Floats) -> Floats:
         nonlocal count
         count += 1
-        return K @ x
+        product: Floats = K @ x
+        return product
 
     start = np.random.default_rng(0).standard_normal(size)
     options = {"k": 1, "tol": tolerance, "ncv": 20, "maxiter": 60, "v0": start}
