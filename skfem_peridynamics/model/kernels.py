@@ -62,21 +62,21 @@ class Block:
         xi /= np.where(root > 0.0, root, 1.0)[:, None]
         return xi
 
-    def _make(self) -> tuple[Csr, Csr]:
-        """B, and the matrix whose transpose spreads bond forces: B itself, or twice its rows of x."""
+    def _make(self) -> tuple[Csr, sparse.csc_matrix]:
+        """B, and the matrix that spreads bond forces: its transpose, or that of twice its columns of x."""
         C, p = self.incidence(), self.directions()
         n, dim = p.shape
         columns = C.indices.reshape(n, -1)
         B = _times(C.data.reshape(n, -1), columns, p, self.part.width * dim)
         if self.symmetric:
-            return B, B
-        return B, _times(np.full((n, 1), -2.0), columns[:, :1], p, self.part.width * dim)
+            return B, B.T
+        return B, _times(np.full((n, 1), -2.0), columns[:, :1], p, self.part.width * dim).T
 
-    def matrices(self) -> tuple[Csr, Csr]:
-        """Return B and X: strains are ``B u``, forces ``-X^T g``; X is B for a symmetric rule."""
+    def matrices(self) -> tuple[Csr, sparse.csc_matrix]:
+        """Return B and X^T: strains are ``B u``, forces ``-X^T g``; X is B for a symmetric rule."""
         if not self.keep:
             return self._make()
-        made: tuple[Csr, Csr] | None = self.__dict__.get("_kept")
+        made: tuple[Csr, sparse.csc_matrix] | None = self.__dict__.get("_kept")
         if made is None:
             made = self._make()
             self.__dict__["_kept"] = made
@@ -92,20 +92,20 @@ class Block:
 
     def force(self, u: Floats) -> Floats:
         """Minus the force on the samples of the window, (width, dim)."""
-        B, X = self.matrices()
+        B, XT = self.matrices()
         g = self.law.gradient(B @ u[self.window].ravel())
         g *= self.k
-        F: Floats = X.T @ g
+        F: Floats = XT @ g
         return F.reshape(self.part.width, -1)
 
     def product(self, weight: Floats, v: Floats, transposed: bool = False) -> Floats:
         """``X^T diag(weight) B v`` on the window, or its transpose."""
-        B, X = self.matrices()
+        B, XT = self.matrices()
         if transposed:
-            B, X = X, B
+            B, XT = XT.T, B.T
         T = B @ v[self.window].ravel()
         T *= weight
-        out: Floats = X.T @ T
+        out: Floats = XT @ T
         return out.reshape(self.part.width, -1)
 
 

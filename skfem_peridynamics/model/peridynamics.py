@@ -193,9 +193,8 @@ class Peridynamics:
         total = sparse.csr_matrix((size, size))
         rows, cols, values, held = [], [], [], 0
         for block, weight in zip(self.blocks, weights, strict=True):
-            B, X = block.matrices()
-            number, B, X = self._at_vertices(block, B, X)
-            local = (X.T @ sparse.csr_matrix(B.multiply(weight[:, None]))).tocoo()
+            number, B, XT = self._at_vertices(block)
+            local = (XT @ sparse.csr_matrix(B.multiply(weight[:, None]))).tocoo()
             rows.append(number[local.row])
             cols.append(number[local.col])
             values.append(local.data)
@@ -208,18 +207,18 @@ class Peridynamics:
             K = sparse.csr_matrix((K + K.T) * 0.5)
         return K
 
-    def _at_vertices(self, block: Block, B: Csr, X: Csr) -> tuple[Longs, Csr, Csr]:
-        """B and X of a block with vertex degrees of freedom as columns, and the numbers of those columns."""
+    def _at_vertices(self, block: Block) -> tuple[Longs, Csr, sparse.csc_matrix]:
+        """B and X^T of a block with vertex degrees of freedom in place of samples, and the numbers of those."""
         dim, samples = self.bonds.dim, self.bonds.samples
+        B, XT = block.matrices()
         if samples.at_vertices:
             vertices = samples.vertices[block.window, 0]
         else:
             P = samples.matrix[block.window]
             vertices = np.unique(P.indices)
             P = sparse.kron(P[:, vertices], sparse.identity(dim), format="csr")
-            B, X = B @ P, (None if X is B else X @ P)
-            X = B if X is None else X
-        return (vertices[:, None].astype(np.int64) * dim + np.arange(dim)).ravel(), B, X
+            B, XT = B @ P, P.T @ XT
+        return (vertices[:, None].astype(np.int64) * dim + np.arange(dim)).ravel(), B, XT
 
 
 def _touches(part: Part, marked: Floats) -> Bools:
