@@ -88,6 +88,19 @@ def test_a_one_sided_rule_is_not_balanced():
         BondBasis(vector_basis(box(2, 6)), 0.3, rule=BallRule(2, 4, symmetric=False)).balanced()
 
 
+def test_vertices_that_cannot_be_balanced_are_named():
+    """Vertex pairs, conical, two vertices per horizon, random mesh: no positive weights near the rule's will do."""
+    plain = BondBasis(vector_basis(box(2, 14, "random")), 2 / 14, "conical")
+    bonds = plain.balanced()
+    assert set(np.flatnonzero(inner(plain))) == set(bonds.balance.unbalanced) & set(np.flatnonzero(inner(plain)))
+    assert bonds.balance.residual > 1e-3
+    assert bonds.balance.smallest > 1 / 50
+    good = BondBasis(vector_basis(box(2, 10)), 0.3, rule=BallRule(2, 4)).balanced()
+    assert good.balanced() is good
+    with pytest.raises(ValueError, match="no bond has any measure: there is nothing to balance"):
+        BondBasis(vector_basis(grid((1, 1), (1, 1))), 0.6, "constant", PairRule(points="gauss"), "smooth").balanced()
+
+
 def test_targets_are_the_integrals_in_1d():
     """``T3_i = 2 int phi_i w(x) int w(y) J sign(y - x) dy dx`` by nested adaptive quadrature."""
     mesh, eps = box(1, 8, "random"), 0.3

@@ -19,6 +19,7 @@ from skfem_peridynamics import (
     Material,
     PairRule,
     Peridynamics,
+    census,
     conical,
     constant,
     damage,
@@ -65,18 +66,51 @@ def test_rules_that_make_no_sense_are_refused():
     for keys, words in (
         ({"radial": 0}, "radial = 0 must be a whole number, at least 1"),
         ({"angular": 2.5}, "angular = 2.5 must be a whole number"),
+        ({"symmetric": "no"}, "symmetric = 'no' must be True or False"),
         ({"outer": "edges"}, 'outer = \'edges\' must be "gauss" or "vertices"'),
     ):
         with pytest.raises(ValueError, match=words):
             BallRule(**keys)
     with pytest.raises(ValueError, match='points = \'edges\' must be "vertices" or "gauss"'):
         PairRule(points="edges")
-    with pytest.raises(ValueError, match="angular = 1 is too few: 2D needs at least 2 directions"):
-        body_on(box(2, 4), 0.3, rule=BallRule(3, 1)).energy(np.zeros(50))
+    with pytest.raises(ValueError, match="angular = 2 is too few: 2D needs at least 3 directions"):
+        body_on(box(2, 4), 0.3, rule=BallRule(3, 2)).energy(np.zeros(50))
     with pytest.raises(ValueError, match="angular = 9999 is too many: the largest rule in 3D has 175 directions"):
         body_on(box(3, 2), 0.3, rule=BallRule(3, 9999)).energy(np.zeros(81))
     with pytest.raises(ValueError, match=r"do not hold vertex \d+ at .* in every direction .*larger angular"):
         body_on(box(3, 3), 0.8, rule=BallRule(2, 4, outer="vertices")).energy(np.zeros(192))
+    with pytest.raises(ValueError, match="rule = 'ball' must be a rule, such as"):
+        body_on(box(2, 4), 0.3, rule="ball")
+    with pytest.raises(ValueError, match="horizon = 0.3 must be a positive length"):
+        body_on(box(2, 4), "0.3")
+
+
+def test_an_influence_with_a_gap_and_one_that_ends_early():
+    """A node where J is 0 has no share to give; the energy of (x, 0) still comes out, by the closed form for each piece."""
+    eps = 0.3
+
+    def up_to(t):  # 2 PD for J = 1 on s < t
+        e = t * eps
+        return t**3 * (1 / 2 - 22 * e / (15 * np.pi) + 4 * e**2 / (15 * np.pi))
+
+    for J, exact in (
+        (lambda s: np.where((s > 0.3) & (s < 0.6), 0.0, 1.0), up_to(1.0) - up_to(0.6) + up_to(0.3)),
+        (lambda s: np.where(s < 0.5, 1.0, 0.0), up_to(0.5)),
+    ):
+        for radial in (2, 4, 6, 20):
+            body = body_on(box(2, 12), eps, influence=J, rule=BallRule(radial, 8))
+            assert np.isfinite(body.bonds.weight).all()
+        stored = 2 * body.energy(at_vertices(body.bonds.mesh, body.bonds.mesh.p[0], 0.0))
+        assert stored == pytest.approx(exact, rel=0.02)
+
+
+def test_horizons_far_larger_than_the_body():
+    for horizon in (5.0, 1e12):
+        part = BondBasis(vector_basis(box(2, 6, "random")), horizon, rule=BallRule(3, 8)).parts[0]
+        x = part.samples.points[part.first + part.site][:, None]
+        e = part.fan.directions
+        exact = np.minimum(*(np.where(e[:, a] > 0, 1 - x[..., a], x[..., a]) / np.abs(e[:, a]) for a in (0, 1)))
+        assert part.reach == pytest.approx(exact, abs=1e-11)
 
 
 @pytest.mark.parametrize("dim", [1, 2, 3])
@@ -309,6 +343,17 @@ def test_damage_of_a_ball_body():
         assert d.Z[torn].min() > 1.0
         assert d.Z[far].max() < 1e-12  # P1 values at far ends sum to 1 but for round-off
         assert d.softened > 0
+        count = census(body, at_vertices(mesh, 0.0, 1.0 * (mesh.p[1] > 0.55)))
+        assert count.softened == d.softened
+        assert pytest.approx(d.Z.max()) == count.Z
+
+
+def test_bonds_of_zero_measure_are_not_counted():
+    body = body_on(box(3, 3), 0.8, Exponential(1.7, 0.9), rule=BallRule(2, 20, "vertices"), boundary_function="smooth")
+    u = 0.3 * np.random.default_rng(3).standard_normal(body.basis.N)
+    d, count = damage(body, u), census(body, u)
+    assert count.softened == d.softened > 0
+    assert pytest.approx(d.Z.max()) == count.Z
 
 
 def test_materials_and_no_fail_on_ball_bonds():

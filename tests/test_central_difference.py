@@ -6,6 +6,7 @@ from scipy.linalg import eigh
 
 from bodies import at_vertices, body_on, box, grid, vector_basis
 from skfem_peridynamics import (
+    BallRule,
     Exponential,
     Linear,
     Prescribed,
@@ -373,3 +374,18 @@ def test_what_runs_just_above_the_limit_do():
         f"{', '.join(f'{peak:.2f}' for peak in sorted(silent))}"
     )
     assert len(silent) < 12
+
+
+def test_a_one_sided_force_has_no_balance_to_break():
+    """It is the gradient of no energy: no alarm for that, and a word about the rule when it does feed the motion."""
+    mesh = box(2, 12)
+    body = body_on(mesh, 0.25, rule=BallRule(3, 8, outer="vertices", symmetric=False))
+    M = mass_matrix(body.basis)
+    limit = stable_time_step(body, M)
+    v0 = at_vertices(mesh, np.cos(np.pi * mesh.p[0]), 0.0)
+    dt = 0.5 * limit.dt
+    *_, last = central_difference(body, M, v0=v0, dt=dt, until=300 * dt, limit=limit)
+    assert abs(last.energies.imbalance) > 0.1 * last.energies.initial  # what would stop a symmetric rule: 0.15
+    with pytest.raises(UnstableRun, match="Its rule is one-sided: such a force can feed a motion at any dt"):
+        for _ in central_difference(body, M, v0=v0, dt=dt, until=4000 * dt, limit=limit):
+            pass

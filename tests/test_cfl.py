@@ -199,7 +199,6 @@ def test_every_rule_and_mass_has_a_step_that_is_safe(dim, rule):
             M = mass_matrix(body.basis, density=2.0, kind=mass)
             exact = np.abs(np.linalg.eigvals(np.linalg.solve(M.toarray(), K))).max()
             limit = stable_time_step(body, M)
-            assert limit.products > 0
             assert 0.99 * 2 / np.sqrt(exact) < limit.dt <= 2 / np.sqrt(exact) * (1 + 1e-12)
             assert exact <= limit.nodal_bound * (1 + 1e-12)
 
@@ -213,3 +212,31 @@ def test_balanced_weights_have_a_limit_of_their_own():
     exact = np.linalg.eigvals(np.linalg.solve(M.toarray(), balanced.stiffness().toarray())).real.max()
     assert 0.99 * 2 / np.sqrt(exact) < limits[1].dt <= 2 / np.sqrt(exact)
     assert limits[0].dt != limits[1].dt
+
+
+@pytest.mark.parametrize(
+    ("dim", "n", "stretch", "horizon", "influence", "rule"),
+    [
+        (3, 5, 1.0, 0.6, lambda s: np.where(s < 0.5, 1.0, 0.0), PairRule()),
+        (2, 14, 0.3, 0.33, "conical", BallRule(1, 3)),
+        (2, 14, 3.0, 0.1, "conical", BallRule(1, 8, outer="vertices")),
+    ],
+)
+def test_lanczos_does_not_settle_on_a_neighbour(dim, n, stretch, horizon, influence, rule):
+    """At a tolerance of 4e-3 the first gives a step 1.4 % above the limit: 7.169 found, 7.406 is the largest."""
+    mesh = box(dim, n, "graded" if dim == 3 else "structured")
+    mesh = type(mesh)(mesh.p * np.array([stretch] + [1.0] * (dim - 1))[:, None], mesh.t)
+    body = body_on(mesh, horizon, influence=influence, rule=rule)
+    M = mass_matrix(body.basis, kind="consistent")
+    exact = scipy.linalg.eigh(body.stiffness().toarray(), M.toarray(), eigvals_only=True)[-1]
+    limit = stable_time_step(body, M)
+    assert limit.products > 0
+    assert 0.99 < limit.dt * np.sqrt(exact) / 2 <= 1.0
+
+
+def test_a_body_without_stiffness_has_no_step():
+    for rule in (BallRule(2, 4), BallRule(2, 4, symmetric=False)):
+        body = body_on(box(2, 1), 0.6, rule=rule, boundary_function="smooth")
+        for kind in ("lumped", "consistent"):
+            with pytest.raises(ValueError, match="no bond has any stiffness"):
+                stable_time_step(body, mass_matrix(body.basis, kind=kind))

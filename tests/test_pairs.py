@@ -98,8 +98,13 @@ def test_estimate_is_near():
 
 
 def test_lonely_vertices_are_named():
-    with pytest.raises(ValueError, match=r"horizon = 0.05 leaves vertex 0 at \(0\) without a bond \(5 of 5 vertices\)"):
+    with pytest.raises(ValueError, match=r"horizon = 0.05 leaves vertex 0 at \(0\) without a bond \(5 of 5 points\)"):
         body_on(grid((1, 4)), 0.05).energy(np.zeros(5))
+
+
+def test_lonely_gauss_points_are_named():
+    with pytest.raises(ValueError, match=r"leaves the Gauss point at \(0.05\d+\) without a bond \(8 of 8 points\)"):
+        body_on(grid((1, 4)), 0.01, rule=PairRule(points="gauss")).energy(np.zeros(5))
 
 
 def test_a_mesh_that_falls_into_strings_is_refused():
@@ -135,6 +140,8 @@ def test_boundary_functions():
         BondBasis(basis, 0.3, boundary_function="rough").measure()
     with pytest.raises(ValueError, match="between 0 and 1"):
         BondBasis(basis, 0.3, boundary_function=np.full(9, 2.0)).measure()
+    with pytest.raises(ValueError, match="between 0 and 1 for each of the 9 vertices; at vertex 2 it is nan"):
+        BondBasis(basis, 0.3, boundary_function=np.where(np.arange(9) == 2, np.nan, 1.0)).measure()
     smooth = BondBasis(basis, 0.3, boundary_function="smooth")
     given = BondBasis(
         basis, 0.3, boundary_function=np.minimum(1.0, 10 * np.minimum(basis.mesh.p[0], 1 - basis.mesh.p[0]))

@@ -67,7 +67,8 @@ def census(body: Peridynamics, u: Floats) -> Census:
         energy = block.law.energy(T)
         energy *= block.k
         Z = _ratio(block, T)
-        largest = float(Z.max())
+        Z *= block.k > 0.0  # a bond of zero measure is none
+        largest = float(Z.max(initial=0.0))
         soft = np.flatnonzero(Z > 1.0) if largest > 1.0 else ()
         lost = float(energy[soft].sum()) if len(soft) else 0.0
         if len(soft):
@@ -76,7 +77,7 @@ def census(body: Peridynamics, u: Floats) -> Census:
 
     rows = list(body.team.map(look, body.blocks))
     return Census(
-        max(row[0] for row in rows),
+        max((row[0] for row in rows), default=0.0),
         sum(row[1] for row in rows),
         sum(row[2] for row in rows),
         sum(row[3] for row in rows),

@@ -40,7 +40,8 @@ _MISSED = 1e-8  # of the largest moment: above this a vertex inside counts as un
 _MISSED_NEAR = 2e-2  # the same near the boundary, where targets are integrals over clipped rays
 _LOOSE = 1e-3  # relative accuracy of a Newton step
 _FITS, _FIT_ROUNDS = 1e-3, 3  # of the fit near the boundary: accuracy, Newton steps
-_DAMPS, _MILD = (0.05, 0.2, 0.8), 5.0  # its damping: the first that changes no weight by a larger factor
+_DAMPS, _MILD = (0.05, 0.2, 0.8), 5.0  # its damping: the first that changes no weight by a larger factor, if any
+_FAR = 50.0  # factor by which a weight may change at all
 _ENOUGH = 2.75  # bonds for each moment of order three and four
 _FLAT = 1e-10  # of the largest eigenvalue of a vertex's block: directions without bonds
 _SWEEPS = 300  # LSMR iterations of a step
@@ -227,7 +228,9 @@ def balance(bonds: BondBasis) -> Balance:
     sampled = np.repeat(used[:, None], n3 + n4, axis=1)
     target = targets.values.copy()
     target[:, :n3] -= _incompatible(bonds, (target - now)[:, :n3], targets.near_boundary)
-    largest, inner = float(np.abs(now).max()), targets.exact_four
+    largest, inner = float(np.abs(now).max(initial=0.0)), targets.exact_four
+    if not largest > 0.0:
+        raise ValueError("no bond has any measure: there is nothing to balance")
     # moments of order four only where there are bonds enough for both orders
     enough = bonds.nbonds >= _ENOUGH * target.size
 
@@ -236,25 +239,26 @@ def balance(bonds: BondBasis) -> Balance:
 
     # first everywhere as well as a damped fit can: near the boundary not all moments can be met by positive weights
     fit = _Problem(pieces, weights, target, rows(np.ones_like(inner), inner & enough), largest)
-    iterations = 0
+    iterations, new = 0, weights
     for damp in _DAMPS:
         s, _, count = fit.solve(_FITS, damp, rounds=_FIT_ROUNDS)
         iterations += count
-        changes = [ratio_of(x) for x in s]
-        if all(x.min() > 1.0 / _MILD and x.max() < _MILD for x in changes):
+        if _within([ratio_of(x) for x in s], _MILD):
+            new = [w * ratio_of(x) for w, x in zip(weights, s, strict=True)]
             break
-    weights = [w * x for w, x in zip(weights, changes, strict=True)]
     # then order three exactly inside; order four stays as the fit left it
-    inside = _Problem(pieces, weights, target, rows(inner, np.zeros_like(inner)), largest)
+    inside = _Problem(pieces, new, target, rows(inner, np.zeros_like(inner)), largest)
     s, _, count = inside.solve(_REACHED)
     iterations += count
-    new = [w * ratio_of(x) for w, x in zip(weights, s, strict=True)]
-    left = target[:, :n3] - _total(piece.moments(w) for piece, w in zip(pieces, new, strict=True))[:, :n3]
-    left = np.abs(left * sampled[:, :n3]).max(axis=1) / largest
-    old = np.concatenate([part.weight for part in bonds.parts])
-    ratio = np.concatenate(new)[old > 0.0] / old[old > 0.0]
+    changed = [w * ratio_of(x) for w, x in zip(new, s, strict=True)]
+    ratios = [np.divide(v, w, out=np.ones_like(w), where=w > 0.0) for v, w in zip(changed, weights, strict=True)]
+    if not _within(ratios, _FAR):  # no positive weights near the rule's do it: leave them alone
+        changed, ratios = weights, [np.ones_like(w) for w in weights]
+    met = _total(piece.moments(w) for piece, w in zip(pieces, changed, strict=True))
+    left = np.abs((target - met) * sampled)[:, :n3].max(axis=1) / largest
+    ratio = np.concatenate(ratios)
     return Balance(
-        new,
+        changed,
         np.flatnonzero(left > np.where(inner, _MISSED, _MISSED_NEAR)),
         float(left[inner].max(initial=0.0)),
         float(left.max()),
@@ -262,6 +266,10 @@ def balance(bonds: BondBasis) -> Balance:
         float(np.sqrt(np.mean((ratio - 1.0) ** 2))),
         iterations,
     )
+
+
+def _within(ratios: list[Floats], factor: float) -> bool:
+    return all(x.min() > 1.0 / factor and x.max() < factor for x in ratios)
 
 
 def _incompatible(bonds: BondBasis, gap: Floats, layer: Bools) -> Floats:

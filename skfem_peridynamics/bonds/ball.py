@@ -53,6 +53,8 @@ class BallRule:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
                 raise ValueError(f"{name} = {value!r} must be a whole number, at least 1")
+        if not isinstance(self.symmetric, bool):
+            raise ValueError(f"symmetric = {self.symmetric!r} must be True or False")
         if self.outer not in ("gauss", "vertices"):
             raise ValueError(f'outer = {self.outer!r} must be "gauss" or "vertices"')
 
@@ -124,7 +126,13 @@ class BallRule:
         """Nodes and weights of the plain integral of ``s^(d-1)`` over a ray; the rule itself holds ``J s^power``."""
         power = dim if self.symmetric else dim - 1
         s, W = radial_rule(influence, power, self.radial)
-        return s, W * s ** (dim - 1 - power) / influence(s)
+        J = influence(s)
+        if (
+            not J.min() > 0.0
+        ):  # a node where J vanishes would lose its share: take the rule without J, which has it later
+            s, W = radial_rule(np.ones_like, power, self.radial)
+            J = np.ones_like(s)
+        return s, W * s ** (dim - 1 - power) / J
 
     def weights(self, dim: int, fan: Fan, reach: Floats, volume: Floats, influence: Influence) -> Floats:
         """Return the weights (nsites, ndir, nrad) of the bonds on rays of so much reach, from sites of some volume."""

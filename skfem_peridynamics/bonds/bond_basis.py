@@ -57,8 +57,14 @@ class BondBasis:
     balance: Balance | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.horizon) and self.horizon > 0.0):
+        if (
+            isinstance(self.horizon, str)
+            or np.ndim(self.horizon)
+            or not (np.isfinite(self.horizon) and self.horizon > 0)
+        ):
             raise ValueError(f"horizon = {self.horizon} must be a positive length")
+        if not callable(getattr(self.rule, "parts", None)):
+            raise ValueError(f"rule = {self.rule!r} must be a rule, such as PairRule() or BallRule()")
         object.__setattr__(self, "influence", as_influence(self.influence))
         mesh = self.space.mesh
         check_simplices(mesh)
@@ -81,6 +87,9 @@ class BondBasis:
         at every vertex deeper than the horizon. ``balance`` of the copy tells how it went, and names the vertices that
         could not be balanced. The step limit of a balanced body is another one: ask for it again.
 
+        No weight changes by more than a factor of 50. Where that is not enough (vertex pairs with less than 2.5
+        vertices per horizon on a random mesh) the vertices inside are named as unbalanced.
+
         Raises ``ValueError`` for a one-sided rule.
 
         >>> import skfem
@@ -92,6 +101,8 @@ class BondBasis:
         """
         from .balance import balance
 
+        if self.balance is not None:
+            return self
         copy = dataclasses.replace(self, balance=balance(self))
         # bonds are the same: do not make them again
         weights = copy.balance.weights if copy.balance is not None else []
@@ -140,11 +151,12 @@ class BondBasis:
                 raise ValueError(f'boundary_function = {self.boundary_function!r} must be "smooth", an array or None')
             return boundary_function(self.mesh, self.horizon)
         w = np.asarray(self.boundary_function, dtype=float)
-        if w.shape != (self.mesh.nvertices,) or not (w >= 0.0).all() or not (w <= 1.0).all():
-            raise ValueError(
-                f"boundary_function must give one value between 0 and 1 for each of the {self.mesh.nvertices} "
-                f"vertices; its shape is {w.shape}"
-            )
+        wanted = f"boundary_function must give one value between 0 and 1 for each of the {self.mesh.nvertices} vertices"
+        if w.shape != (self.mesh.nvertices,):
+            raise ValueError(f"{wanted}; its shape is {w.shape}")
+        wrong = np.flatnonzero(~((w >= 0.0) & (w <= 1.0)))
+        if len(wrong):
+            raise ValueError(f"{wanted}; at vertex {wrong[0]} it is {w[wrong[0]]}")
         return w
 
     @cached_property

@@ -15,7 +15,6 @@ from .._types import Floats
 # times the monomials of order four best: degree 7 to 0.017 of the largest in place of 0.114, degree 15 to 0.002 in
 # place of 0.021.
 _LEBEDEV = {
-    3: (0.51, 0.90, 1.03),
     5: (0.69, 1.31, 0.87),
     7: (0.23, 0.91, 0.76),
     9: (0.28, 0.39, 1.25),
@@ -76,8 +75,8 @@ def half_sphere(dim: int, at_least: int) -> tuple[Floats, Floats]:
     8 3.14159265359
     13 6.28318530718
     """
-    if at_least < 1 or (dim > 1 and at_least < dim):
-        raise ValueError(f"angular = {at_least} is too few: {dim}D needs at least {max(dim, 1)} directions")
+    if at_least < dim + (dim > 1):  # the elastic constants are moments of order four
+        raise ValueError(f"angular = {at_least} is too few: {dim}D needs at least {dim + (dim > 1)} directions")
     if dim == 1:
         return np.ones((1, 1)), np.ones(1)
     if dim == 2:

@@ -105,9 +105,11 @@ class PairRule:
         lonely = np.flatnonzero(degree == 0)
         if len(lonely):
             vertex = samples.vertices[lonely[0], 0]
+            at = mesh.p[:, vertex] if self.points == "vertices" else samples.points[lonely[0]]
+            what = f"vertex {vertex}" if self.points == "vertices" else "the Gauss point"
             raise ValueError(
-                f"horizon = {horizon:g} leaves vertex {vertex} at {describe_point(mesh.p[:, vertex])} without a "
-                f"bond ({len(lonely)} of {samples.nsamples} {self.points}); the mesh size there is "
+                f"horizon = {horizon:g} leaves {what} at {describe_point(at)} without a "
+                f"bond ({len(lonely)} of {samples.nsamples} points); the mesh size there is "
                 f"{vertex_sizes(mesh)[vertex]:.3g}: take a larger horizon or a finer mesh"
             )
         ends = np.concatenate([part.ends + np.int32(part.first) for part in made])

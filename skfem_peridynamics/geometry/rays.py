@@ -18,11 +18,11 @@ from .._types import Floats, Ints, Longs, Mesh
 
 _CHUNK = 1 << 15  # rays that advance together: bounds the memory
 _PARALLEL = 1e-12  # a facet steeper than this against the ray is crossed, others are run along
-_TIE = 1e-12  # of the length: exits this close are at one point
+_TIE = 1e-12  # of the length, or of the mesh where that is shorter: exits this close are at one point
 _TURNS = (
     40  # rounds without advancing after which a ray is moved; a vertex of a good mesh has at most about 30 elements
 )
-_NUDGE = 1e-10  # of the length
+_NUDGE = 1e-10  # of the same
 
 
 def opposite_neighbours(mesh: Mesh) -> Ints:
@@ -77,6 +77,11 @@ class Tracer:
         edges = np.moveaxis(self.mesh.p[:, self.mesh.t[1:]] - self.mesh.p[:, self.mesh.t[:1]], 2, 0)
         inverse = np.linalg.inv(edges)
         return np.concatenate([-inverse.sum(axis=1, keepdims=True), inverse], axis=1)
+
+    @cached_property
+    def extent(self) -> float:
+        """The largest side of the mesh's box."""
+        return float(np.ptp(self.mesh.p, axis=1).max())
 
     @cached_property
     def neighbour(self) -> Ints:
@@ -193,6 +198,7 @@ class Tracer:
         """Reach of each ray, and the elements at distances ``at`` (n, nnodes)."""
         n, nnodes = at.shape
         reach, found = length.copy(), np.zeros((n, nnodes), dtype=np.int32)
+        scale = np.minimum(length, self.extent)  # what round-off is measured by
         at = np.concatenate([at, np.full((n, 1), np.inf)], axis=1)
         ray, came = np.arange(n), np.full(n, -2, dtype=np.int64)
         here = np.asarray(element, dtype=np.int64)
@@ -207,7 +213,7 @@ class Tracer:
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 exits = np.where(leaving, np.maximum(-value / slope, s[:, None]), np.inf)
             # a facet with a neighbour wins a tie
-            facet = (exits + np.where(neighbour < 0, _TIE * length[:, None], 0.0)).argmin(axis=1)
+            facet = (exits + np.where(neighbour < 0, _TIE * scale[:, None], 0.0)).argmin(axis=1)
             rows = np.arange(len(ray))
             out, follow = exits[rows, facet], neighbour[rows, facet].astype(np.int64)
             over = (follow < 0) | (out >= length)
@@ -221,13 +227,14 @@ class Tracer:
                 next_node[passed] += 1
             reach[ray[over]] = np.minimum(out[over], length[over])
             go = ~over
-            turns = np.where(out > s + _TIE * length, 0, turns + 1)
+            turns = np.where(out > s + _TIE * scale, 0, turns + 1)
             ray, came, here, s = ray[go], here[go], follow[go], out[go]
-            x, way, length, next_node, turns = x[go], way[go], length[go], next_node[go], turns[go]
+            x, way, length, scale = x[go], way[go], length[go], scale[go]
+            next_node, turns = next_node[go], turns[go]
             stuck = np.flatnonzero(turns > _TURNS)
             if len(stuck):
                 turns[stuck] = 0
                 side = np.random.default_rng(len(stuck)).standard_normal((len(stuck), x.shape[1]))
                 x = x.copy()
-                x[stuck] += _NUDGE * length[stuck, None] * side
+                x[stuck] += _NUDGE * scale[stuck, None] * side
         return reach, found

@@ -35,9 +35,12 @@ class Watch:
             known = ""
             if self.limit is not None:
                 known = f", which is {state.dt / self.limit.dt:.4g} times the stable limit {self.limit.dt:.6g}"
+            advice = "Take a smaller dt, or let loads and motions grow over several steps"
+            if not getattr(state._body, "symmetric", True):
+                advice = "Its rule is one-sided: such a force can feed a motion at any dt; take a symmetric rule"
             raise UnstableRun(
                 f"the run became unstable by step {state.step} (t = {state.t:.6g}): {what}; "
-                f"dt = {state.dt:.6g}{known}. Take a smaller dt, or let loads and motions grow over several steps"
+                f"dt = {state.dt:.6g}{known}. {advice}"
             )
 
     def _complaint(self, state: State) -> str | None:
@@ -51,6 +54,8 @@ class Watch:
             state.step >= _EARLY[0] and energies.total > ENERGY_FROM_NOWHERE * supplied
         ):  # in the very first steps of a growing load the work lags behind
             return f"its energy is {energies.total:.3g}, and {supplied:.3g} was put in"
+        if not getattr(state._body, "symmetric", True):
+            return None  # the force of a one-sided rule is the gradient of no energy: there is no balance to break
         if not abs(energies.imbalance - ripple) <= BROKEN_BALANCE * self.peak:
             return f"the energy balance is off by {abs(energies.imbalance):.3g}, the peak energy is {self.peak:.3g}"
         return None
