@@ -90,7 +90,7 @@ def test_a_one_sided_rule_is_not_balanced():
 
 def test_vertices_that_cannot_be_balanced_are_named():
     """Vertex pairs, conical, two vertices per horizon, random mesh: no positive weights near the rule's will do."""
-    plain = BondBasis(vector_basis(box(2, 14, "random")), 2 / 14, "conical")
+    plain = BondBasis(vector_basis(box(2, 16, "random")), 2 / 16, "conical")
     bonds = plain.balanced()
     assert set(np.flatnonzero(inner(plain))) == set(bonds.balance.unbalanced) & set(np.flatnonzero(inner(plain)))
     assert bonds.balance.residual > 1e-3

@@ -86,7 +86,7 @@ def test_rules_that_make_no_sense_are_refused():
 
 
 def test_an_influence_with_a_gap_and_one_that_ends_early():
-    """A node where J is 0 has no share to give; the energy of (x, 0) still comes out, by the closed form for each piece."""
+    """A node where J is 0 has no share to give; the energy of (x, 0) still comes out."""
     eps = 0.3
 
     def up_to(t):  # 2 PD for J = 1 on s < t

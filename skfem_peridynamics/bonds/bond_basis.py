@@ -88,7 +88,7 @@ class BondBasis:
         could not be balanced. The step limit of a balanced body is another one: ask for it again.
 
         No weight changes by more than a factor of 50. Where that is not enough (vertex pairs with less than 2.5
-        vertices per horizon on a random mesh) the vertices inside are named as unbalanced.
+        vertices per horizon on a random mesh) the rule's own weights stay, and the vertices are named all the same.
 
         Raises ``ValueError`` for a one-sided rule.
 
