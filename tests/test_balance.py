@@ -10,7 +10,7 @@ from skfem.quadrature import get_quadrature
 
 from bodies import ELEMENT, at_vertices, body_on, box, grid, vector_basis
 from skfem_peridynamics import BallRule, BondBasis, Crack, Exponential, Linear, PairRule, mass_matrix, slit
-from skfem_peridynamics.bonds.balance import _piece, killing_tensors, monomials, ratio_of, slope_of_ratio
+from skfem_peridynamics.bonds.balance import _incompatible, _piece, killing_tensors, monomials, ratio_of, slope_of_ratio
 from skfem_peridynamics.bonds.targets import moment_targets
 from skfem_peridynamics.geometry.simplices import element_volumes
 
@@ -141,6 +141,24 @@ def test_killing_tensors_are_what_no_pair_weights_can_change():
             for k in range(Y.shape[2]):
                 y = np.hstack([Y[:, :, k], np.zeros((mesh.nvertices, order))])
                 assert np.abs(piece.gathered(y)).max() < 1e-13
+
+
+def test_targets_are_made_compatible_near_the_boundary_only():
+    """What Killing tensors see of the gap is taken off, on each piece of a body by itself, and nothing inside."""
+    mesh = slit(grid((1.0, 16), (1.0, 16)), Crack([[0.0, 0.5], [1.0, 0.5]]))
+    bonds = BondBasis(vector_basis(mesh), 0.15)
+    targets = moment_targets(bonds)
+    now = sum(_piece(bonds, part).moments(part.weight) for part in bonds.parts)[:, :4]
+    gap = targets.values[:, :4] - now
+    off = _incompatible(bonds, gap, targets.near_boundary)
+    Y = killing_tensors(mesh.p.T)
+    upper = np.zeros(mesh.nvertices, dtype=bool)
+    upper[mesh.t[:, mesh.p[1, mesh.t].mean(axis=0) > 0.5]] = True
+    for half in (upper, ~upper):
+        before, after = (np.abs(np.einsum("vak,va->k", Y[half], x[half])).max() for x in (gap, gap - off))
+        assert after < 1e-9 * before
+    assert (off[targets.exact_four] == 0.0).all()
+    assert 0.0 < np.abs(off).max() < 0.05 * np.abs(targets.values).max()
 
 
 def test_ratios_are_positive_and_their_slope_is_one_at_rest():

@@ -127,6 +127,31 @@ def test_rays_from_the_faces_and_the_tip_of_a_slit():
     assert reach.tolist() == pytest.approx([0.3, 0.0, 0.3, 0.3, 0.3, 0.3])
 
 
+def test_rays_that_touch_a_corner_or_a_tip_go_on_or_end_there():
+    """From all vertices straight through a re-entrant corner or the tip of a slit: on to the boundary, or there."""
+    lshaped = skfem.MeshTri.init_lshaped().refined(3)
+    cracked = slit(box(2, 8), Crack([[0.0, 0.5], [0.5, 0.5]]))
+    for mesh, tip, ways in (
+        (lshaped, np.zeros(2), [(1.0, -1.0), (-1.0, 1.0), (2.0, -1.0), (-1.0, 2.0)]),
+        (cracked, np.full(2, 0.5), [(0.0, 1.0), (0.0, -1.0), (1.0, 1.0), (1.0, -1.0)]),
+    ):
+        tracer, met = Tracer(mesh), 0
+        for way in np.array(ways) / np.linalg.norm(ways, axis=1, keepdims=True):
+            away = tip - mesh.p.T
+            gap = away @ way
+            on = np.flatnonzero((np.abs(away @ np.array([-way[1], way[0]])) < 1e-12) & (gap > 1e-9))
+            start = tracer.first_elements(on, np.tile(way, (len(on), 1)))
+            rays = tracer.march(mesh.p.T[on], start, np.tile(way, (len(on), 1)), 0.6, NODES)
+            box_low, box_high = mesh.p.min(axis=1), mesh.p.max(axis=1)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                ends = np.where(way > 0, (box_high - mesh.p.T[on]) / way, (box_low - mesh.p.T[on]) / way)
+            exact = np.minimum(0.6, np.where(way == 0, np.inf, ends).min(axis=1))
+            ended = np.minimum(0.6, gap[on])
+            assert np.minimum(np.abs(rays.reach - exact), np.abs(rays.reach - ended)).max() < 1e-11
+            met += len(on)
+        assert met > 5
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_slivers(dim):
     """Angles of a tenth of a degree: a box flattened to 1:600, with nodes in their elements and the known reach."""

@@ -127,9 +127,7 @@ class BallRule:
         power = dim if self.symmetric else dim - 1
         s, W = radial_rule(influence, power, self.radial)
         J = influence(s)
-        if (
-            not J.min() > 0.0
-        ):  # a node where J vanishes would lose its share: take the rule without J, which has it later
+        if not J.min() > 0.0:  # a node where J vanishes would lose its share: take the rule for s^power, J comes later
             s, W = radial_rule(np.ones_like, power, self.radial)
             J = np.ones_like(s)
         return s, W * s ** (dim - 1 - power) / J

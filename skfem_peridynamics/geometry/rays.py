@@ -2,9 +2,10 @@
 
 All rays of a chunk advance together, one element a round, from neighbour to neighbour. A ray ends at its length or at
 the boundary, whichever comes first; the faces of a slit are boundary. In one element the barycentric coordinates are
-linear along the ray, so the facet it leaves by is the one whose coordinate vanishes first; the facet it came in by is
-never taken. A ray that meets a vertex or an edge turns around it element by element without advancing. Where facets
-tie, one with a neighbour is preferred; a ray that keeps turning (round-off on needles) is moved a hair to the side.
+linear along the ray, so the facet it leaves by is the one whose coordinate falls and vanishes first; that of the facet
+it came in by rises. A ray that meets a vertex or an edge turns around it element by element without advancing; one
+that keeps turning (round-off on needles) is moved a hair to the side. A ray that comes from afar and exactly touches
+the tip of a slit or a re-entrant corner may end there: it turns to one side, and that may be the closed one.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from .._types import Floats, Ints, Longs, Mesh
 
 _CHUNK = 1 << 15  # rays that advance together: bounds the memory
 _PARALLEL = 1e-12  # a facet steeper than this against the ray is crossed, others are run along
-_TIE = 1e-12  # of the length, or of the mesh where that is shorter: exits this close are at one point
+_STILL = 1e-12  # of the length, or of the mesh where that is shorter: less is no advance
 _TURNS = (
     40  # rounds without advancing after which a ray is moved; a vertex of a good mesh has at most about 30 elements
 )
@@ -200,7 +201,7 @@ class Tracer:
         reach, found = length.copy(), np.zeros((n, nnodes), dtype=np.int32)
         scale = np.minimum(length, self.extent)  # what round-off is measured by
         at = np.concatenate([at, np.full((n, 1), np.inf)], axis=1)
-        ray, came = np.arange(n), np.full(n, -2, dtype=np.int64)
+        ray = np.arange(n)
         here = np.asarray(element, dtype=np.int64)
         next_node, turns = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
         s = np.zeros(n)
@@ -209,11 +210,10 @@ class Tracer:
             slope = sum(gradient[:, :, a] * way[:, a, None] for a in range(x.shape[1]))
             value = self.barycentric(here, x)
             steep = sum(gradient[:, :, a] ** 2 for a in range(x.shape[1]))
-            leaving = (slope < 0.0) & (slope * slope > _PARALLEL**2 * steep) & (neighbour != came[:, None])
+            leaving = (slope < 0.0) & (slope * slope > _PARALLEL**2 * steep)
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 exits = np.where(leaving, np.maximum(-value / slope, s[:, None]), np.inf)
-            # a facet with a neighbour wins a tie
-            facet = (exits + np.where(neighbour < 0, _TIE * scale[:, None], 0.0)).argmin(axis=1)
+            facet = exits.argmin(axis=1)
             rows = np.arange(len(ray))
             out, follow = exits[rows, facet], neighbour[rows, facet].astype(np.int64)
             over = (follow < 0) | (out >= length)
@@ -227,8 +227,8 @@ class Tracer:
                 next_node[passed] += 1
             reach[ray[over]] = np.minimum(out[over], length[over])
             go = ~over
-            turns = np.where(out > s + _TIE * scale, 0, turns + 1)
-            ray, came, here, s = ray[go], here[go], follow[go], out[go]
+            turns = np.where(out > s + _STILL * scale, 0, turns + 1)
+            ray, here, s = ray[go], follow[go], out[go]
             x, way, length, scale = x[go], way[go], length[go], scale[go]
             next_node, turns = next_node[go], turns[go]
             stuck = np.flatnonzero(turns > _TURNS)
