@@ -4,12 +4,10 @@ import time
 
 import numpy as np
 import pytest
-from reference import force_on_square
 from scipy.integrate import quad
-from test_linear_fields import EPS, EXACT, field
-from test_toughness import opened
 
 from bodies import at_vertices, body_on, box, grid, vector_basis
+from reference import force_on_square
 from skfem_peridynamics import (
     BallRule,
     BondBasis,
@@ -29,6 +27,8 @@ from skfem_peridynamics import (
 )
 from skfem_peridynamics.bonds.quadrature import half_sphere, radial_rule
 from skfem_peridynamics.bonds.targets import moment_targets
+from test_linear_fields import EPS, EXACT, field
+from test_toughness import opened
 
 
 @pytest.mark.parametrize("influence", [constant, conical, gaussian(0.4)], ids=lambda J: J.name)

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from .._types import Basis, Bools, Floats, Ints, Longs, Mesh
+from .._types import Basis, Bools, Floats, Longs, Mesh
 from ..geometry.layers import boundary_function, distance_to_facets
 from ..geometry.simplices import check_simplices, vertex_sizes
 from ..material.calibration import UNIT_BALL
 from ..material.influence import Influence, as_influence
-from .forms import Functions, Sides
+from .forms import FormBasis
 from .parts import PairPart, Part
 from .rules import PairRule, Rule
 from .samples import Samples
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class BondBasis:
+class BondBasis(FormBasis):
     """The bonds of a body: everything about the double integral that does not depend on the material.
 
     ``space`` is a vector P1 basis, ``skfem.Basis(mesh, ElementVector(ElementTriP1()))`` or its line and tetrahedron
@@ -210,69 +210,6 @@ class BondBasis:
     def nbytes(self) -> int:
         """Memory of the bond list."""
         return sum(part.nbytes for part in self.parts)
-
-    # ---- what scikit-fem's forms read from a basis
-    @cached_property
-    def sides(self) -> Sides:
-        """Vertices and P1 values at both ends of all bonds; made for forms only."""
-        return Sides.of(self)
-
-    @property
-    def N(self) -> int:
-        """Degrees of freedom: those of the vector P1 basis."""
-        return int(self.space.N)
-
-    @property
-    def nelems(self) -> int:
-        """A bond is an element to scikit-fem's forms; those without length are left out."""
-        return int(self.sides.live.sum())
-
-    @property
-    def X(self) -> Floats:
-        """The one quadrature point of a bond, (dim, 1)."""
-        return np.zeros((self.dim, 1))
-
-    @property
-    def dx(self) -> Floats:
-        """Weights of the plain double integral over D x D, (nelems, 1); a bond of a symmetric rule has both orders."""
-        return self.weight[self.sides.live, None]
-
-    @property
-    def Nbfun(self) -> int:
-        """Local functions of a bond: one per component and vertex at x and at y."""
-        return len(self.sides.functions)
-
-    @property
-    def element_dofs(self) -> Ints:
-        """Degrees of freedom of the local functions, (Nbfun, nelems)."""
-        return self.sides.dofs
-
-    @property
-    def basis(self) -> Functions:
-        """The local functions, each a pair of fields ``(u1, u2)``: values at x and at y."""
-        return Functions(self.sides)
-
-    def default_parameters(self) -> dict[str, Any]:
-        """Return what a form finds in ``w``: ``x, y, xi = y - x`` (dim, nelems, 1) and ``r = |xi|`` (nelems, 1)."""
-        from skfem.element import DiscreteField
-
-        xi = self.vectors()[:, self.sides.live, None]
-        x = self.sides.at(0, self.mesh.p.T.ravel())
-        fields = {"x": x, "y": x + xi, "xi": xi, "r": np.linalg.norm(xi, axis=0)}
-        return {name: DiscreteField(field) for name, field in fields.items()}
-
-    def interpolate(self, u: Floats) -> tuple[Any, Any]:
-        """Return a displacement (N,) at x and at y, two fields (dim, nelems, 1); in a form ``w.u[0], w.u[1]``.
-
-        Raises ``ValueError`` for a vector of another length.
-        """
-        from skfem.element import DiscreteField
-
-        u = np.asarray(u, dtype=float)
-        if u.shape != (self.N,):
-            raise ValueError(f"u has shape {u.shape}; the basis has {self.N} degrees of freedom")
-        at_x, at_y = (DiscreteField(self.sides.at(side, u)) for side in (0, 1))
-        return at_x, at_y
 
     @cached_property
     def interior(self) -> Bools:

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import scipy.sparse as sparse
-from scipy.sparse.csgraph import connected_components
 
 from .._types import Floats, Ints, Longs, Mesh
+from ..geometry.pieces import connected
 from ..geometry.simplices import describe_point, vertex_sizes
 from ..geometry.visibility import sight
 from ..material.influence import Influence
@@ -37,14 +36,6 @@ class Rule(Protocol):
     def estimate(self, mesh: Mesh, horizon: float) -> int: ...
 
     def parts(self, mesh: Mesh, samples: Samples, horizon: float, influence: Influence) -> list[Part]: ...
-
-
-def _pieces(groups: Ints, n: int | None = None) -> int:
-    """Number of connected pieces of vertices, given which of them belong together (one group per column)."""
-    n = int(groups.max()) + 1 if n is None else n
-    row = np.broadcast_to(groups[0], groups[1:].shape).ravel()
-    links = sparse.coo_matrix((np.ones(len(row), dtype=np.int8), (row, groups[1:].ravel())), shape=(n, n))
-    return int(connected_components(links, directed=False, return_labels=False))
 
 
 @dataclass(frozen=True)
@@ -113,7 +104,7 @@ class PairRule:
                 f"{vertex_sizes(mesh)[vertex]:.3g}: take a larger horizon or a finer mesh"
             )
         ends = np.concatenate([part.ends + np.int32(part.first) for part in made])
-        pieces, bonded = _pieces(mesh.t), _pieces(ends.T, samples.nsamples)
+        pieces, bonded = connected(mesh.t, mesh.nvertices)[0], connected(ends.T, samples.nsamples)[0]
         if bonded > pieces:
             raise ValueError(
                 f"horizon = {horizon:g} leaves the bonds in {bonded} separate pieces, the mesh has {pieces}: in some "

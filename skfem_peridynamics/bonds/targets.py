@@ -14,6 +14,7 @@ from ..geometry.simplices import vertex_volumes
 from ..material.influence import Influence, as_influence
 from .quadrature import half_sphere, radial_rule
 from .samples import gauss_samples
+from .tensors import monomials, powers
 
 if TYPE_CHECKING:
     from .bond_basis import BondBasis
@@ -40,8 +41,6 @@ def moment_targets(bonds: BondBasis) -> Targets:
     Order three vanishes where every element of a vertex is deeper than the horizon and w is 1 (twice as deep where w
     is not). Order four is given there only: ``2 V_i horizon^d M_d`` times the mean over the sphere.
     """
-    from .balance import monomials, powers
-
     mesh, dim, eps = bonds.mesh, bonds.dim, bonds.horizon
     w = bonds.sample_weight
     reach = eps if w is None else 2.0 * eps
