@@ -1,5 +1,7 @@
 """Plane waves: the exact relation against brute-force integrals, the discrete one of each rule against the exact."""
 
+from functools import lru_cache
+
 import numpy as np
 import pytest
 from scipy.integrate import dblquad, quad
@@ -64,22 +66,28 @@ def test_long_waves_are_elastic_and_short_ones_bounded():
         dispersion(1.0, dim=4, horizon=1.0, slope=1.0, density=1.0)
 
 
-def discrete(dim, rule, per_horizon, lengths, direction, mass):
-    """Frequencies of Bloch waves on an infinite lattice, ascending, for waves of so many horizons: (nlengths, dim)."""
-    reach = per_horizon + 2
-    n = 2 * reach
+@lru_cache(maxsize=2)
+def lattice(dim, rule, per_horizon, mass):
+    """A piece of a lattice, and the rows of stiffness and mass of the vertex in its middle."""
+    n = 2 * (per_horizon + 2)
     mesh = grid(*((float(n), n),) * dim)
     body = body_on(mesh, float(per_horizon), Linear(1.0), rule=rule)
-    K, M = body.stiffness(), mass_matrix(body.basis, kind=mass)
-    centre = np.flatnonzero(np.abs(mesh.p - reach).max(axis=0) < 1e-9)[0]
+    centre = np.flatnonzero(np.abs(mesh.p - n / 2).max(axis=0) < 1e-9)[0]
     rows = slice(centre * dim, centre * dim + dim)
+    return mesh, body.stiffness()[rows], mass_matrix(body.basis, kind=mass)[rows]
+
+
+def discrete(dim, rule, per_horizon, lengths, direction, mass):
+    """Frequencies of Bloch waves on an infinite lattice, ascending, for waves of so many horizons: (nlengths, dim)."""
+    mesh, K, M = lattice(dim, rule, per_horizon, mass)
+    reach = per_horizon + 2
     e = np.array(direction) / np.linalg.norm(direction)
     out = []
     for length in lengths:
         k = 2 * np.pi / (length * per_horizon)
         bloch = np.exp(1j * k * (e @ (mesh.p - reach)))
         waves = np.kron(bloch[:, None], np.eye(dim))
-        symbol = np.linalg.solve((M[rows] @ waves), (K[rows] @ waves))
+        symbol = np.linalg.solve(M @ waves, K @ waves)
         out.append(np.sqrt(np.sort(np.linalg.eigvals(symbol).real)))
     return np.array(out)
 
