@@ -35,7 +35,7 @@ _REACHED = 1e-10  # of the largest moment: what Newton's method goes for inside
 _MISSED = 1e-8  # of the largest moment: above this a vertex inside counts as unbalanced
 _MISSED_NEAR = 2e-2  # the same near the boundary, where targets are integrals over clipped rays
 _FITS, _FIT_ROUNDS = 1e-3, 3  # of the fit near the boundary: accuracy, Newton steps
-_DAMPS, _MILD = (0.05, 0.2, 0.8), 5.0  # its damping: the first that changes no weight by a larger factor, if any
+_DAMPS, _MILD = (0.05, 0.2, 0.8), 5.0  # its damping: the first that changes no weight by a larger factor
 _FAR = 50.0  # factor by which a weight may change at all
 _ENOUGH = 2.75  # bonds for each moment of order three and four
 
@@ -85,9 +85,11 @@ def balance(bonds: BondBasis) -> Balance:
     for damp in _DAMPS:
         s, _, count = fit.solve(_FITS, damp, rounds=_FIT_ROUNDS)
         iterations += count
-        if _within([ratio_of(x) for x in s], _MILD):
-            new = [w * ratio_of(x) for w, x in zip(weights, s, strict=True)]
+        ratios = [ratio_of(x) for x in s]
+        if _within(ratios, _MILD):
             break
+    if _within(ratios, _FAR):
+        new = [w * x for w, x in zip(weights, ratios, strict=True)]
     # then order three exactly inside; order four stays as the fit left it
     inside = MomentFit(pieces, new, target, rows(inner, np.zeros_like(inner)), largest)
     s, _, count = inside.solve(_REACHED)
