@@ -232,7 +232,7 @@ def test_the_strong_form_is_collocation_at_the_vertices():
         errors.append(abs(a[centre, 0] - 1.0))
     rate = -np.polyfit(np.log([8, 16, 32]), np.log(errors), 1)[0]
     print(f"strong form at a vertex: errors {[f'{e:.1e}' for e in errors]}, rate {rate:.2f}")
-    assert rate == pytest.approx(2.0, abs=0.25)
+    assert rate == pytest.approx(2.0, abs=0.13)  # 2.11 measured
 
 
 def test_matrices_kept_or_remade_give_the_same_bits():

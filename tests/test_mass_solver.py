@@ -90,4 +90,4 @@ def test_recursion_and_reactions_with_a_consistent_mass():
         *_, state = central_difference(body, M, dt=fraction * dt, until=200 * dt, fixed=fixed)
         drifts.append(abs(state.energies.imbalance) / state.energies.work)
     rate = np.polyfit(np.log([1.0, 0.5, 0.25]), np.log(drifts), 1)[0]
-    assert rate == pytest.approx(2.0, abs=0.25)
+    assert rate == pytest.approx(2.0, abs=0.06)  # 1.97 measured

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from .._types import Basis, Bools, Floats, Longs, Mesh
-from ..geometry.layers import boundary_function, distance_to_facets
-from ..geometry.simplices import check_simplices, vertex_sizes
+from .._types import Basis, Floats, Longs, Mesh
+from ..geometry.layers import boundary_function
+from ..geometry.simplices import check_simplices
 from ..material.calibration import UNIT_BALL
 from ..material.influence import Influence, as_influence
 from .forms import FormBasis
@@ -210,14 +210,6 @@ class BondBasis(FormBasis):
     def nbytes(self) -> int:
         """Memory of the bond list."""
         return sum(part.nbytes for part in self.parts)
-
-    @cached_property
-    def interior(self) -> Bools:
-        """Which vertices (mesh numbers) have their whole ball inside the body."""
-        reach = self.horizon + 0.5 * float(vertex_sizes(self.mesh).max())
-        gap = distance_to_facets(self.mesh, self.mesh.boundary_facets(), reach)
-        deep: Bools = gap >= reach * (1.0 - 1e-9)
-        return deep
 
     @cached_property
     def moment(self) -> float:
