@@ -288,6 +288,7 @@ def test_forces_of_smooth_fields_at_two_sizes(kind):
         (BallRule(3, 8), False),
         (BallRule(3, 8), True),
         (BallRule(3, 16), True),
+        (BallRule(5, 16), True),
         (BallRule(3, 16, symmetric=False), False),
     ]
     coarse, fine = (force_errors(kind, m, rules) for m in (4, 8))
