@@ -119,7 +119,7 @@ class Manufactured:
         if self.boundary is None:
             return np.ones(len(x))
         s = np.clip(np.minimum(x, 1.0 - x) / self.horizon, 0.0, 1.0)
-        return np.asarray((s**3 * (10.0 - 15.0 * s + 6.0 * s**2)).prod(axis=1))
+        return np.asarray(np.minimum(s**3 * (10.0 - 15.0 * s + 6.0 * s**2), 1.0).prod(axis=1))
 
     @cached_property
     def series(self) -> Floats:

@@ -1,0 +1,273 @@
+"""Error against run time: what a scheme costs and what it misses, on problems whose motion is known."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import skfem
+
+from .._types import Basis, Floats, Mesh
+from ..bonds.ball import BallRule
+from ..bonds.bond_basis import BondBasis
+from ..bonds.rules import PairRule, Rule
+from ..model.mass import mass_matrix
+from ..model.peridynamics import Peridynamics
+from ..solve.central_difference import central_difference
+from ..solve.cfl import StepLimit, stable_time_step
+from ..solve.constraints import Prescribed
+from .manufactured import Manufactured
+
+SAFETY = 0.9  # of the stable limit
+TIME_SHARE = 0.3  # of the error that the time step may make; a run that finds more is repeated with a smaller step
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """A rule, a mass and whether weights are balanced: all that makes a scheme, beside central difference in time.
+
+    >>> Scheme(BallRule(3, 8), balanced=True).name
+    'ball 3 x 8, Gauss points outside, balanced; consistent mass'
+    """
+
+    rule: Rule
+    balanced: bool = False
+    mass: str | None = None
+
+    @property
+    def kind(self) -> str:
+        """The mass: consistent where Gauss points are outside, lumped where vertices are, unless given."""
+        outside = getattr(self.rule, "outer", getattr(self.rule, "points", "vertices"))
+        return self.mass or ("consistent" if outside == "gauss" else "lumped")
+
+    @property
+    def family(self) -> str:
+        """Classical pairs, pairs or ball: what the tables compare."""
+        if isinstance(self.rule, BallRule):
+            return "ball"
+        return "classical" if self == CLASSICAL else "pairs"
+
+    @property
+    def name(self) -> str:
+        strong = isinstance(self.rule, BallRule) and not self.rule.symmetric and self.rule.outer == "vertices"
+        form = "strong form, " if strong else ""
+        return f"{form}{self.rule.name}{', balanced' if self.balanced else ''}; {self.kind} mass"
+
+
+CLASSICAL = Scheme(PairRule())
+
+
+@dataclass(frozen=True)
+class Row:
+    """One run: what it was, what it cost, what it missed. Errors are relative to the norms of the field."""
+
+    problem: str
+    dim: int
+    mesh: str
+    scheme: str
+    family: str
+    horizon: float
+    n: int
+    per_horizon: float
+    nodes: int
+    bonds: int
+    steps: int
+    dt: float
+    dt_limit: float
+    error_l2: float
+    error_h1: float
+    error_velocity: float
+    time_error: float
+    seconds_setup: float
+    seconds_steps: float
+
+    @property
+    def seconds(self) -> float:
+        return self.seconds_setup + self.seconds_steps
+
+
+@dataclass
+class Clock:
+    """Seconds of the phases of a run."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """A problem discretised by a scheme on a mesh, ready to step."""
+
+    problem: Manufactured
+    basis: Basis
+    body: Peridynamics
+    M: Any
+    limit: StepLimit
+    load: Callable[[float], Floats]
+    fixed: tuple[Prescribed, ...]
+    seconds: float
+    project: bool
+
+    def run(self, dt: float, watch: Callable[[Any], None] | None = None) -> tuple[Any, float, int]:
+        """Step to the end; return the last state, the seconds of its steps (median times number) and the steps."""
+        problem, basis = self.problem, self.basis
+        steps = max(1, int(np.ceil(problem.until / dt - 1e-9)))
+        shape = basis.project(problem.at) if self.project else problem.field(basis.mesh.p.T).ravel()
+        if self.fixed:
+            shape[self.fixed[0].dofs] = 0.0
+        taken, before = [], time.perf_counter()
+        for state in central_difference(
+            self.body,
+            self.M,
+            problem.g(0.0) * shape,
+            problem.g(0.0, 1) * shape,
+            dt=problem.until / steps,
+            until=problem.until,
+            load=self.load,
+            fixed=self.fixed,
+            limit=self.limit,
+            watch=0,
+        ):
+            now = time.perf_counter()
+            taken.append(now - before)
+            if watch is not None:
+                watch(state)
+            before = time.perf_counter()
+        return state, float(np.median(taken[1:])) * steps, steps
+
+
+def vector_basis(mesh: Mesh) -> Basis:
+    """Return the vector P1 basis of a mesh, as the schemes use it."""
+    element = (skfem.ElementLineP1, skfem.ElementTriP1, skfem.ElementTetP1)[mesh.dim() - 1]
+    return skfem.Basis(mesh, skfem.ElementVector(element()), intorder=2)
+
+
+def prepare(problem: Manufactured, mesh: Mesh, scheme: Scheme, **options: Any) -> Setup:
+    """Make bonds, body, mass, step limit and load of a scheme; the load is not counted in its seconds."""
+    clock = Clock()
+    with clock.phase("setup"):
+        basis = vector_basis(mesh)
+        w = None if problem.boundary is None else problem.w(mesh.p.T)
+        bonds = BondBasis(basis, problem.horizon, problem.influence, scheme.rule, boundary_function=w)
+        if scheme.balanced:
+            bonds = bonds.balanced()
+        body = Peridynamics(bonds, problem.law, **options)
+        M = mass_matrix(basis, kind=scheme.kind)
+        limit = stable_time_step(body, M)
+    consistent = scheme.kind == "consistent"
+    load = problem.load(basis, "weak" if consistent else "nodal")
+    fixed: tuple[Prescribed, ...] = ()
+    if problem.boundary is not None:  # V_h lies in H^1_0: nothing holds a vertex where w is 0
+        fixed = (Prescribed(basis.get_dofs(mesh.boundary_facets()).all(), displacement=0.0),)
+    return Setup(problem, basis, body, M, limit, load, fixed, clock.seconds["setup"], consistent)
+
+
+def time_constant(problem: Manufactured) -> float:
+    """Return C of the relative time error ``C dt^2`` at the end, from steps dt, dt/2 and dt/4 on a coarse mesh.
+
+    Raises ``ValueError`` when the order it sees is not 2 to a quarter.
+    """
+    from .manufactured import unit_box
+
+    setup = prepare(problem, unit_box(problem.dim, max(4, round(3.0 / problem.horizon))), CLASSICAL)
+    dt = 0.45 * setup.limit.dt
+    u = [setup.run(dt * 0.5**k)[0].copy() for k in range(3)]
+    m = setup.M.diagonal()
+    coarse, fine = (float(np.sqrt(m @ (u[k].u - u[k + 1].u) ** 2)) for k in (0, 1))
+    if not 1.75 < np.log2(coarse / fine) < 2.25:
+        raise ValueError(f"the time error of this problem falls with order {np.log2(coarse / fine):.2f}, not 2")
+    return float(4.0 / 3.0 * fine / u[1].dt ** 2 / problem.l2_norm)
+
+
+def measure(problem: Manufactured, name: str, kind: str, mesh: Mesh, n: int, scheme: Scheme, constant: float) -> Row:
+    """Run a scheme at 0.9 of its stable step, or less where the time error would count, and return what it missed."""
+    setup = prepare(problem, mesh, scheme)
+    dt = SAFETY * setup.limit.dt
+    for _ in range(4):
+        state, seconds, steps = setup.run(dt)
+        dt = state.dt
+        l2, h1 = problem.errors(mesh, state.u, state.t)
+        if constant * dt**2 <= TIME_SHARE * l2:
+            break
+        dt = min(0.7 * dt, float(np.sqrt(0.6 * TIME_SHARE * l2 / constant)))
+    velocity, _ = problem.errors(mesh, state.v, state.t, derivative=1)
+    return Row(
+        problem=name,
+        dim=problem.dim,
+        mesh=kind,
+        scheme=scheme.name,
+        family=scheme.family,
+        horizon=problem.horizon,
+        n=n,
+        per_horizon=problem.horizon * n,
+        nodes=int(mesh.nvertices),
+        bonds=int(setup.body.bonds.nbonds),
+        steps=steps,
+        dt=state.dt,
+        dt_limit=setup.limit.dt,
+        error_l2=l2,
+        error_h1=h1,
+        error_velocity=velocity / problem.omega,
+        time_error=constant * state.dt**2,
+        seconds_setup=setup.seconds,
+        seconds_steps=seconds,
+    )
+
+
+def rate(size: Sequence[float], error: Sequence[float]) -> Floats:
+    """Return the observed orders between neighbours.
+
+    >>> rate([0.2, 0.1], [4e-2, 1e-2]).tolist()
+    [2.0]
+    """
+    h, e = np.asarray(size), np.asarray(error)
+    return np.asarray(np.diff(np.log(e)) / np.diff(np.log(h)))
+
+
+def pareto(seconds: Sequence[float], error: Sequence[float]) -> list[int]:
+    """Return the points that no other beats in both, by seconds.
+
+    >>> pareto([1.0, 2.0, 3.0], [0.1, 0.2, 0.05])
+    [0, 2]
+    """
+    best, out = np.inf, []
+    for k in np.lexsort((error, seconds)):
+        if error[k] < best:
+            best = error[k]
+            out.append(int(k))
+    return out
+
+
+def seconds_to(rows: Sequence[Row], error: float, what: Callable[[Row], float] = lambda row: row.seconds) -> float:
+    """Return the seconds one scheme needs for an error: log-log between its runs; beyond them, by its last two.
+
+    Returns nan where the runs tell nothing: fewer than two, or an error that no longer falls.
+    """
+    chosen = sorted(rows, key=lambda row: row.n)
+    e, s = np.array([row.error_l2 for row in chosen]), np.array([what(row) for row in chosen])
+    if len(e) < 2:
+        return float("nan")
+    logs = np.log(e), np.log(s)
+    reached = np.flatnonzero(e <= error)
+    k = int(reached[0]) if len(reached) else len(e) - 1
+    if k == 0:
+        return float(s[0])
+    fall = logs[0][k - 1] - logs[0][k]
+    if fall < 0.3:
+        return float("nan")
+    return float(np.exp(logs[1][k] + (logs[1][k] - logs[1][k - 1]) * (logs[0][k] - np.log(error)) / fall))
+
+
+def as_dict(row: Row) -> dict[str, Any]:
+    """Return a row as plain values, its total seconds with it."""
+    return {**dataclasses.asdict(row), "seconds": row.seconds}
