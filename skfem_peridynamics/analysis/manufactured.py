@@ -17,6 +17,7 @@ import numpy as np
 
 from .._types import Basis, Floats, Load, Mesh
 from ..material.potential import Exponential, Linear, Potential
+from ..solve.constraints import Prescribed
 from .box_force import force_moments
 
 
@@ -52,8 +53,67 @@ def unit_box(dim: int, n: int, kind: str = "regular", seed: int = 0) -> Mesh:
     return type(mesh)(mesh.p + shift, mesh.t)
 
 
+class Motion:
+    """A known motion ``g(t) field(x)`` of the unit box, and what it takes to run schemes against it."""
+
+    dim: int
+    horizon: float
+    law: Potential
+    influence: str
+    omega: float
+    until: float
+    boundary: str | None = None
+
+    def field(self, x: Floats) -> Floats:
+        """Return the field at points (n, dim), (n, dim)."""
+        return np.moveaxis(self.at(x.T), 0, 1)
+
+    def at(self, x: Floats) -> Floats:
+        """Return the field at points x (dim, ...) as scikit-fem gives them, (dim, ...)."""
+        raise NotImplementedError
+
+    def gradient(self, x: Floats) -> Floats:
+        """Return ``d u_i / d x_j``, (dim, dim, ...), of the field at points (dim, ...)."""
+        raise NotImplementedError
+
+    def g(self, t: float, derivative: int = 0) -> float:
+        """Return the amplitude ``cos(omega t)`` or one of its derivatives."""
+        return float(self.omega**derivative * np.cos(self.omega * t + 0.5 * pi * derivative))
+
+    def w(self, x: Floats) -> Floats:
+        """Return the boundary function at points (n, dim), (n,)."""
+        return np.ones(len(x))
+
+    def load(self, basis: Basis, kind: str) -> Load | None:
+        """Return the body force as a function of time: ``"weak"``, ``(b, phi_i)``, or ``"nodal"``, ``V_i b(x_i)``."""
+        return None
+
+    def held(self, basis: Basis) -> list[Prescribed]:
+        """Return the prescribed motions."""
+        return []
+
+    def errors(self, mesh: Mesh, nodal: Floats, t: float, derivative: int = 0) -> tuple[float, float]:
+        """Return L2 and H1-seminorm errors of a P1 field against the motion at t, relative to the field's own norms.
+
+        ``derivative=1`` is for a velocity, relative to omega times the field.
+        """
+        from skfem import Basis as MakeBasis
+        from skfem import ElementLineP1, ElementTetP1, ElementTriP1, ElementVector
+
+        element = (ElementLineP1, ElementTriP1, ElementTetP1)[self.dim - 1]()
+        basis = MakeBasis(mesh, ElementVector(element), intorder=5)
+        found = basis.interpolate(nodal)
+        x, amplitude = np.asarray(basis.global_coordinates()), self.g(t, derivative)
+        scale = self.omega**derivative
+        out = []
+        for got, true in ((np.asarray(found), self.at(x)), (np.asarray(found.grad), self.gradient(x))):
+            miss = np.sqrt(((got - amplitude * true) ** 2 * basis.dx).sum())
+            out.append(float(miss / (scale * np.sqrt((true**2 * basis.dx).sum()))))
+        return out[0], out[1]
+
+
 @dataclass(frozen=True)
-class Manufactured:
+class Manufactured(Motion):
     """A motion ``cos(omega t) field(x)`` of the unit box with density 1 and the body force that drives it.
 
     ``boundary`` is None, a free body, or ``"smooth"``: a boundary function w, the product over the axes of
@@ -84,10 +144,6 @@ class Manufactured:
         return dataclasses.replace(self, **changes)
 
     # ---- the motion
-    def field(self, x: Floats) -> Floats:
-        """Return the field at points (n, dim), (n, dim)."""
-        return np.repeat(np.sin(pi * x).prod(axis=1)[:, None], self.dim, axis=1)
-
     def at(self, x: Floats) -> Floats:
         """Return the field at points x (dim, ...) as scikit-fem gives them, (dim, ...)."""
         return np.broadcast_to(np.sin(pi * x).prod(axis=0), x.shape)
@@ -98,10 +154,6 @@ class Manufactured:
         row = np.stack([np.prod([c[j] if j == k else s[j] for j in range(self.dim)], axis=0) for k in range(self.dim)])
         return np.broadcast_to(row, (self.dim, *row.shape))
 
-    def g(self, t: float, derivative: int = 0) -> float:
-        """Return the amplitude or one of its derivatives."""
-        return float(self.omega**derivative * np.cos(self.omega * t + 0.5 * pi * derivative))
-
     @property
     def l2_norm(self) -> float:
         """``||field||``"""
@@ -109,9 +161,9 @@ class Manufactured:
 
     @property
     def h2_norm(self) -> float:
-        """``||field||_2``, all derivatives up to the second, each once."""
+        """``||field||_2``: the field, its gradient and its whole Hessian."""
         d = self.dim
-        return float(self.l2_norm * np.sqrt(1.0 + d * pi**2 + 0.5 * d * (d + 1) * pi**4))
+        return float(self.l2_norm * np.sqrt(1.0 + d * pi**2 + d**2 * pi**4))
 
     # ---- its force
     def w(self, x: Floats) -> Floats:
@@ -229,7 +281,7 @@ class Manufactured:
 
     # ---- load vectors
     def load(self, basis: Basis, kind: str, intorder: int = 4) -> Load:
-        """Return the body force as a function of time: ``"weak"``, ``(b, phi_i)``, or ``"nodal"``, ``V_i b(x_i)``."""
+        """Return the body force of :meth:`Motion.load`; ``intorder`` is that of the weak one."""
         from skfem import Basis as MakeBasis
         from skfem import LinearForm
 
@@ -259,23 +311,8 @@ class Manufactured:
 
         return at_time
 
-    # ---- errors
-    def errors(self, mesh: Mesh, nodal: Floats, t: float, derivative: int = 0) -> tuple[float, float]:
-        """Return L2 and H1-seminorm errors of a P1 field against the motion at t, relative to the field's own norms.
-
-        ``derivative=1`` is for a velocity.
-        """
-        from skfem import Basis as MakeBasis
-        from skfem import ElementLineP1, ElementTetP1, ElementTriP1, ElementVector
-
-        element = (ElementLineP1, ElementTriP1, ElementTetP1)[self.dim - 1]()
-        basis = MakeBasis(mesh, ElementVector(element), intorder=5)
-        found = basis.interpolate(nodal)
-        x, amplitude = basis.global_coordinates(), self.g(t, derivative)
-        miss = np.asarray(found) - amplitude * self.at(np.asarray(x))
-        slope = np.asarray(found.grad) - amplitude * self.gradient(np.asarray(x))
-        whole = self.l2_norm
-        return (
-            float(np.sqrt((miss**2 * basis.dx).sum()) / whole),
-            float(np.sqrt((slope**2 * basis.dx).sum()) / (whole * pi * np.sqrt(self.dim))),
-        )
+    def held(self, basis: Basis) -> list[Prescribed]:
+        """Return what holds the body: the boundary where w is 0 there (V_h lies in H^1_0), else nothing."""
+        if self.boundary is None:
+            return []
+        return [Prescribed(basis.get_dofs(basis.mesh.boundary_facets()).all(), displacement=0.0)]

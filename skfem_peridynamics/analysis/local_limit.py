@@ -1,0 +1,52 @@
+"""The limit of a vanishing horizon: statics of the linear model against scikit-fem's own local elasticity, in 2D."""
+
+from __future__ import annotations
+
+import numpy as np
+import skfem
+from scipy.sparse.linalg import spsolve
+from skfem.helpers import ddot, div, dot, sym_grad
+
+from .._types import Floats
+from ..bonds.bond_basis import BondBasis
+from ..bonds.rules import Rule
+from ..material.potential import Linear
+from ..model.mass import mass_matrix
+from ..model.peridynamics import Peridynamics
+
+
+def _displacement(x: Floats) -> Floats:
+    return np.array([np.sin(2 * x[0] + 0.3) * np.cos(x[1]), 0.5 * np.cos(x[0] - 2 * x[1])])
+
+
+def _body_force(x: Floats) -> Floats:
+    """``-(2 grad div u + lap u)`` of that displacement, lambda = mu = 1."""
+    s, c, t = np.sin(2 * x[0] + 0.3), np.cos(2 * x[0] + 0.3), x[0] - 2 * x[1]
+    lap = np.array([-5 * s * np.cos(x[1]), -2.5 * np.cos(t)])
+    grad_div = np.array([-4 * s * np.cos(x[1]) + np.cos(t), -2 * c * np.sin(x[1]) - 2 * np.cos(t)])
+    return -(2 * grad_div + lap)
+
+
+def distance_to_local(horizon: float, per_horizon: int, rule: Rule, balanced: bool = False) -> float:
+    """Return the relative L2 distance of the nonlocal from the local solution on the unit square.
+
+    Both have the same load and the same smooth displacement in a collar of one horizon around the square.
+    """
+    n = round(1 / horizon) * per_horizon
+    axis = np.linspace(-horizon, 1 + horizon, n + 2 * per_horizon + 1)
+    mesh = skfem.MeshTri.init_tensor(axis, axis)
+    basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTriP1()))
+    bonds = BondBasis(basis, horizon, rule=rule)
+    body = Peridynamics(bonds.balanced() if balanced else bonds, Linear(6.0))  # lambda = mu = 1
+    local = skfem.BilinearForm(lambda u, v, w: div(u) * div(v) + 2 * ddot(sym_grad(u), sym_grad(v))).assemble(basis)
+    load = skfem.LinearForm(lambda v, w: dot(_body_force(w.x), v)).assemble(basis)
+    inside = ((mesh.p > 1e-9) & (mesh.p < 1 - 1e-9)).all(axis=0)
+    held, u0 = np.flatnonzero(np.repeat(~inside, 2)), _displacement(mesh.p).T.ravel()
+    solutions = []
+    for K in (body.stiffness(), local):
+        inner, right, *_ = skfem.condense(K, load, x=u0, D=held)
+        u = u0.copy()
+        u[np.setdiff1d(np.arange(len(u)), held)] = spsolve(inner.tocsc(), right)
+        solutions.append(u)
+    M, gap = mass_matrix(basis, kind="consistent"), solutions[0] - solutions[1]
+    return float(np.sqrt((gap @ M @ gap) / (solutions[1] @ M @ solutions[1])))
