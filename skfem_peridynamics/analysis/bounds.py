@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from math import exp, pi, sqrt
+from math import exp, sqrt
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,8 @@ def symbol_supremum(law: Potential, influence: Any, dim: int) -> float:
     >>> round(symbol_supremum(Linear(1.0), "constant", 2), 4), round(symbol_supremum(Linear(1.0), "conical", 3), 4)
     (4.5291, 0.8361)
     """
+    if dim == 1 and not np.isfinite(as_influence(influence).mean_inverse_power(1.0, dim)):
+        return float("inf")  # it grows with the logarithm of k
     # C2 / 2 is f'(0) for laws with f'' <= 0
     k = np.concatenate([np.linspace(0.0, 40.0, 4001)[1:], np.geomspace(40.0, 400.0, 400)])
     waves = ("P",) if dim == 1 else ("P", "S")
@@ -54,7 +56,8 @@ def symbol_supremum(law: Potential, influence: Any, dim: int) -> float:
 def interpolation_constant(dim: int, degree: int = 7) -> float:
     """Return c of ``||u - I_h u|| <= c h^2 |u|_2`` on the simplices of a regular mesh with sides h along the axes.
 
-    The seminorm is that of the whole Hessian. The supremum is taken over polynomials; degree 7 has converged to 0.1 %.
+    The seminorm is that of the whole Hessian. The supremum is taken over polynomials; degree 7 is within 0.1 % in 1D
+    and 2D, 1 % in 3D.
 
     >>> round(interpolation_constant(1) * pi**2, 3), round(interpolation_constant(2), 3)   # 1 / pi^2; Liu and Kikuchi
     (1.0, 0.167)

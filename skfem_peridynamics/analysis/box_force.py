@@ -71,7 +71,7 @@ def _between(breaks: Floats, order: int, soft: bool = False) -> tuple[Longs, Flo
 
 
 def _opening(gap: Floats, reach: Floats) -> Floats:
-    """Angle from the normal of a side at which a ray cut by the side is of some length; 0 where it is not cut so soon."""
+    """Angle from a side's normal at which a ray cut by the side is of some length; 0 where none is cut so soon."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.arccos(np.clip(np.where(gap < reach, gap / reach, 1.0), 0.0, 1.0))
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import permutations
 from math import factorial, pi
 from typing import Any
 
@@ -182,7 +181,7 @@ class Manufactured(Motion):
         return np.array([self.law.slope * (-b) ** k / factorial(k) for k in range(self.terms)])
 
     def exact(self, x: Floats) -> Floats:
-        """Return the force moments (terms, n, dim) at points (n, dim), by direct quadrature: see :func:`force_moments`."""
+        """Return the force moments (terms, n, dim) at points (n, dim), by quadrature: see :func:`force_moments`."""
         boundary = None if self.boundary is None else self.w
         return force_moments(
             x,
@@ -231,7 +230,7 @@ class Manufactured(Motion):
 
     @property
     def _bent(self) -> bool:
-        """In 2D a side enters the ball with the power 3/2 of the depth: zones that end there are polynomials of its root."""
+        """In 2D a side enters the ball with the power 3/2 of the depth: zones that end there use its root."""
         return self.dim == 2 and self.boundary is None
 
     @cached_property

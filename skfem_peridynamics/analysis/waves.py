@@ -10,7 +10,7 @@ import numpy as np
 
 from .._types import Basis, Floats
 from ..geometry.layers import collar
-from ..material.potential import Linear, Potential
+from ..material.potential import Potential
 from ..solve.constraints import Prescribed
 from .dispersion import dispersion
 from .manufactured import Motion

@@ -36,17 +36,26 @@ _AXES = ("x", "y", "z")
 _MOST_STEPS = 1e10
 _PROGRAM = 120_000_000  # bytes of the interpreter and the libraries
 _BALANCING = {1: 180, 2: 400, 3: 800}  # bytes a bond while weights are balanced
-_SPARE = 0.8  # of the free memory that a run may plan to take
+SPARE = 0.8  # of the free memory that a run may plan to take
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A scene made concrete. Nothing is built before it is asked for, and nothing that the scene does not name."""
+    """A scene made concrete. Nothing is built before it is asked for, and nothing that the scene does not name.
+
+    ``refinements`` refines its mesh uniformly, at the same horizon.
+    """
 
     scene: Scene
+    refinements: int = 0
 
     @cached_property
     def mesh(self) -> Mesh:
+        return self._unrefined.refined(self.refinements) if self.refinements else self._unrefined
+
+    @cached_property
+    def _unrefined(self) -> Mesh:
+        """The mesh with its cracks; refinement keeps their faces apart, for it goes by elements."""
         mesh = make_mesh(self.scene.mesh, self.scene.folder)
         cuts: list[str | Longs] = []
         for k, table in enumerate(self.scene.crack):
@@ -66,9 +75,17 @@ class Problem:
 
         element = (ElementLineP1, ElementTriP1, ElementTetP1)[self.mesh.dim() - 1]()
         if self.mass_kind == "consistent":
-            return Basis(self.mesh, ElementVector(element), intorder=2)
+            return self.whole_basis
         # a run sums over bonds, not over elements: the basis only numbers, so one element is all it tabulates
         return Basis(self.mesh, ElementVector(element), elements=np.array([0]), intorder=1)
+
+    @cached_property
+    def whole_basis(self) -> Basis:
+        """The basis with all elements tabulated, for what is integrated over the body."""
+        from skfem import Basis, ElementLineP1, ElementTetP1, ElementTriP1, ElementVector
+
+        element = (ElementLineP1, ElementTriP1, ElementTetP1)[self.mesh.dim() - 1]()
+        return Basis(self.mesh, ElementVector(element), intorder=2)
 
     @cached_property
     def material(self) -> Material:
@@ -86,7 +103,7 @@ class Problem:
             _log.warning("bonds.horizon = %g is larger than the body, which measures %g", table.horizon, extent)
         expected = self.expected_bonds
         need = self.expected_bytes
-        if need > _SPARE * free_memory():
+        if need > SPARE * free_memory():
             raise SceneError(
                 f"bonds.horizon = {table.horizon:g} makes about {expected:.3g} bonds, which need {need / 1e9:.3g} GB; "
                 f"{free_memory() / 1e9:.3g} GB are free: take a smaller horizon or a coarser mesh"

@@ -27,6 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     run = commands.add_parser("run", help="run a scene into a folder")
     run.add_argument("scene", type=Path)
     run.add_argument("--out", type=Path, required=True, metavar="DIR")
+    run.add_argument("--estimate", action="store_true", help="run the scene again on a refined mesh: its error")
     run.add_argument("--quiet", action="store_true", help="no progress, no table at the end")
 
     cfl = commands.add_parser("cfl", help="the stable time step of a scene or of a mesh file")
@@ -39,13 +40,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     cfl.add_argument("--influence", choices=("constant", "conical", "gaussian"), default=None)
     cfl.add_argument("--json", action="store_true", help="print the numbers as JSON")
 
+    study = commands.add_parser("study", help="error against run time: a study by its name, or of a scene")
+    study.add_argument("what", nargs="?", metavar="NAME_OR_SCENE")
+    study.add_argument("--out", type=Path, metavar="DIR")
+    study.add_argument("--quick", action="store_true", help="fewer sizes")
+    study.add_argument("--list", action="store_true", help="name the studies, one a line")
+    study.add_argument("--quiet", action="store_true", help="no line a run")
+
     check = commands.add_parser("check", help="read a scene and tell its size before anything runs")
     check.add_argument("scene", type=Path)
 
     arguments = parser.parse_args(argv)
     logging.basicConfig(format="note: %(message)s")
     try:
-        code = {"run": _run, "cfl": _cfl, "check": _check}[arguments.command](arguments)
+        code = {"run": _run, "cfl": _cfl, "check": _check, "study": _study}[arguments.command](arguments)
         sys.stdout.flush()
         return code
     except KeyboardInterrupt:
@@ -83,7 +91,7 @@ def _run(arguments: argparse.Namespace) -> int:
     begin = time.perf_counter()
     if not arguments.quiet:
         print(f"{scene.title}: setting up", flush=True)
-    summary = run(scene, arguments.out, progress)
+    summary = run(scene, arguments.out, progress, with_estimate=arguments.estimate)
     if not arguments.quiet:
         seconds = summary["seconds"]
         parts = ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items())
@@ -93,6 +101,7 @@ def _run(arguments: argparse.Namespace) -> int:
                 ("steps, dt", f"{summary['steps']}, {summary['dt']:.6g}"),
                 ("softened bonds", f"{summary['softened_bonds']}, largest |S|/S_c {_strain(summary['largest_Z'])}"),
                 ("energy drift", f"{summary['energy_drift']:.2e} of the peak energy"),
+                *_estimated(summary),
                 ("time", f"{time.perf_counter() - begin:.1f} s ({parts})"),
                 ("per step", f"{1e3 * summary['seconds_per_step']:.2f} ms"),
                 ("memory", f"{summary['peak_memory_mb']:.0f} MB"),
@@ -100,6 +109,13 @@ def _run(arguments: argparse.Namespace) -> int:
             ]
         )
     return 0
+
+
+def _estimated(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    if "estimate_note" not in summary:
+        return []
+    error = summary["error_estimate"]
+    return [("error", summary["estimate_note"] if error is None else f"{error:.2e}: {summary['estimate_note']}")]
 
 
 def _strain(Z: float) -> str:
@@ -217,6 +233,43 @@ def _cfl(arguments: argparse.Namespace) -> int:
             ("seconds", f"{numbers['seconds']:.2f} ({limit.products} products)"),
         ]
     )
+    return 0
+
+
+def _study(arguments: argparse.Namespace) -> int:
+    from .studies import STUDIES, run_study
+
+    if arguments.list:
+        for name, one in STUDIES.items():
+            print(f"{name:<10}  {one.what}")
+        return 0
+    if arguments.what is None or arguments.out is None:
+        raise SceneError("study needs a name or a scene, and --out DIR; study --list names the studies")
+    if arguments.what not in STUDIES and not arguments.what.endswith(".toml"):
+        from difflib import get_close_matches
+
+        near = get_close_matches(arguments.what, STUDIES, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"the studies are {', '.join(STUDIES)}"
+        raise SceneError(f"study {arguments.what!r} is not known and no scene file (.toml); {hint}")
+    from . import plot
+    from .output import make_folder
+    from .study_report import write_study
+
+    def report(line: str) -> None:
+        if not arguments.quiet:
+            print(line, flush=True)
+
+    if arguments.what in STUDIES:
+        make_folder(arguments.out)
+        result = run_study(arguments.what, arguments.quick, report)
+    else:
+        from .estimate import study_scene
+
+        scene = Scene.read(Path(arguments.what))
+        result = study_scene(scene, arguments.out, report, levels=2 if arguments.quick else 3)
+    names = write_study(arguments.out, result, plot.available())
+    if not arguments.quiet:
+        print(f"{result.name}: {', '.join(names)} written to {arguments.out}")
     return 0
 
 

@@ -14,6 +14,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from .._types import Basis, Floats
+from .reading import SceneError
 
 _FRAME = "frame_[0-9][0-9][0-9][0-9].vtu"
 _CELLS = {1: "line", 2: "triangle", 3: "tetra"}
@@ -24,6 +25,16 @@ def write_whole(path: Path, content: str) -> None:
     aside = path.with_name(path.name + ".part")
     aside.write_text(content)
     os.replace(aside, path)
+
+
+def make_folder(folder: Path) -> None:
+    """Make an output folder. Raises :class:`SceneError` where that is not possible."""
+    if folder.exists() and not folder.is_dir():
+        raise SceneError(f"output folder {str(folder)!r} exists and is not a folder")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SceneError(f"output folder {str(folder)!r} cannot be written: {error.strerror}") from None
 
 
 def clear(folder: Path) -> None:

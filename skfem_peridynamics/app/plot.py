@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._types import Basis, Floats
 from .output import History
+
+if TYPE_CHECKING:
+    from ..analysis.study import Row
 
 # fraction of softened bonds: pale where a point is whole, dark where nothing holds it
 _COLOURS = "magma_r"
@@ -93,6 +97,46 @@ def plot_damage(path: Path, basis: Basis, u: Floats, intact: Floats, title: str)
         axes.set_zlabel("z")
         figure.colorbar(shades, ax=axes, label="softened bonds, fraction", shrink=0.6)
     axes.set_title(title, parse_math=False)
+    _save(figure, path)
+
+
+def plot_work_precision(path: Path, rows: Sequence[Row], title: str) -> None:
+    """Draw error against seconds, log-log, a panel for each mesh, a line for each scheme; the Pareto front in black."""
+    from ..analysis.study import pareto
+
+    kinds = list(dict.fromkeys(row.mesh for row in rows))
+    names = list(dict.fromkeys(row.scheme for row in rows))
+    figure = _figure(4.6 * len(kinds) + 0.5, 4.6 + 0.19 * len(names))
+    panels = figure.subplots(1, len(kinds), sharey=True, squeeze=False)[0]
+    shapes = {"classical": "s", "pairs": "o", "ball": "^"}
+    for axes, kind in zip(panels, kinds, strict=True):
+        some = [row for row in rows if row.mesh == kind]
+        for k, name in enumerate(names):
+            mine = sorted((row for row in some if row.scheme == name), key=lambda row: row.n)
+            if not mine:
+                continue
+            error, seconds = [row.error_l2 for row in mine], [row.seconds for row in mine]
+            label = name
+            if len(mine) > 1:
+                label += f" (rate {np.log(error[-2] / error[-1]) / np.log(mine[-1].n / mine[-2].n):.1f})"
+            colour = f"C{k % 10}"
+            axes.loglog(error, seconds, f"{shapes[mine[0].family]}-", color=colour, ms=4, lw=1.2, label=label)
+        front = [some[k] for k in pareto([row.seconds for row in some], [row.error_l2 for row in some])]
+        axes.loglog(
+            [row.error_l2 for row in front],
+            [row.seconds for row in front],
+            "k*",
+            ms=9,
+            mfc="none",
+            label="Pareto front",
+        )
+        axes.set_title(f"{kind} meshes", fontsize=10)
+        axes.set_xlabel("relative L2 error of u")
+        axes.invert_xaxis()
+        axes.grid(True, which="major", alpha=0.3)
+        axes.legend(fontsize=6.2, loc="upper center", bbox_to_anchor=(0.5, -0.14), frameon=False)
+    panels[0].set_ylabel("seconds, set-up and steps")
+    figure.suptitle(title, fontsize=11)
     _save(figure, path)
 
 

@@ -76,7 +76,7 @@ class _Clock:
             yield
         finally:
             whole = time.perf_counter() - begin
-            self.seconds[name] += whole - self._inner.pop()
+            self.seconds[name] = self.seconds.get(name, 0.0) + whole - self._inner.pop()
             if self._inner:
                 self._inner[-1] += whole
 
@@ -101,7 +101,9 @@ def marks(steps: int, count: int) -> set[int]:
     return {round(k * steps / (count - 1)) for k in range(count)}
 
 
-def run(scene: Scene, out: str | Path, progress: Progress | None = None) -> dict[str, Any]:
+def run(
+    scene: Scene, out: str | Path, progress: Progress | None = None, *, with_estimate: bool = False
+) -> dict[str, Any]:
     """Run a scene, write its files into ``out`` and return the summary.
 
     Everything the scene says is checked before the folder is made. The files: ``frame_*.vtu`` and ``frames.pvd``,
@@ -178,6 +180,11 @@ def run(scene: Scene, out: str | Path, progress: Progress | None = None) -> dict
         if pictures:
             with clock.phase("output"):
                 _pictures(out, problem, state.u, history)
+        if with_estimate:
+            from .estimate import estimate
+
+            with clock.phase("estimate"):
+                summary |= estimate(problem)
         summary["status"] = "finished"
     except FormulaError as error:  # a load or a motion that is no number at some later time
         summary["status"] = f"stopped: {error}"

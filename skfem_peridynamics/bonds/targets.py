@@ -20,7 +20,11 @@ if TYPE_CHECKING:
     from .bond_basis import BondBasis
 
 _DIRECTIONS = {1: 1, 2: 32, 3: 43}  # of half the ball
-_ORDER = {1: 4, 2: 2, 3: 2}  # of the outer integral; 48 directions and order 4 in 2D changed no error by more than a tenth
+_ORDER = {
+    1: 4,
+    2: 2,
+    3: 2,
+}  # of the outer integral; 48 directions and order 4 in 2D changed no error by more than a tenth
 _RADIAL = 6  # where w varies along a ray
 _TABLE = 4096  # of the cumulative moment
 _SITES = 2048  # at a time

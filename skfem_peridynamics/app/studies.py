@@ -1,0 +1,228 @@
+"""The studies that the command knows by name: problems, schemes and sizes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .._version import __version__
+from ..analysis.manufactured import Manufactured, Motion, unit_box
+from ..analysis.study import CLASSICAL, Row, Scheme, measure, rate, time_constant
+from ..analysis.waves import StandingWave
+from ..bonds.ball import BallRule
+from ..bonds.rules import PairRule
+from ..material.potential import Exponential, Linear, Potential
+
+Report = Callable[[str], None]
+_SOFTENING = 0.3  # b r S^2 at the largest strain: the force of the stiffest bond is a quarter below the linear one
+
+
+def law_of(dim: int, horizon: float, linear: bool = False) -> Potential:
+    """Return a law whose pressure waves have speed 1 at density 1, softened by the motion of the study."""
+    slope = (dim + 2.0) * (dim + 1.0) / 6.0  # lambda = 1/3
+    b = _SOFTENING / (dim * np.pi**2 * horizon)
+    return Linear(slope) if linear else Exponential(slope, slope / b)
+
+
+@dataclass(frozen=True)
+class Entrant:
+    """A scheme in a study: a family of rules, one for each number of vertices per horizon, and the sizes it runs at."""
+
+    make: Callable[[float], Scheme]
+    name: str
+    largest: float = np.inf  # vertices per horizon up to which it runs
+    claims: bool = True  # to converge with h^2 at a fixed horizon, on a regular mesh
+
+
+def fixed(scheme: Scheme, largest: float = np.inf, claims: bool = False) -> Entrant:
+    """One rule at every size."""
+    return Entrant(lambda per_horizon: scheme, scheme.name, largest, claims)
+
+
+def entrants(dim: int, quick: bool) -> list[Entrant]:
+    """Return the schemes of a dimension. Those that grow with the mesh claim to converge; fixed balls do not."""
+    balanced = Scheme(PairRule(), balanced=True)
+    pairs = [fixed(CLASSICAL, claims=True), fixed(balanced, np.inf if dim == 1 else 8.1, claims=True)]
+    gauss = fixed(Scheme(PairRule(points="gauss")), 24.5 if dim == 1 else 6.1 if dim == 2 else 2.1, claims=True)
+    if dim == 1:
+
+        def grown(**options: Any) -> Callable[[float], BallRule]:
+            return lambda m: BallRule(max(3, round(4 * m)), 1, **options)
+
+        ball, strong = grown(), grown(outer="vertices", symmetric=False)
+        return [
+            *pairs,
+            gauss,
+            Entrant(lambda m: Scheme(ball(m), balanced=True), "ball 4 eps/h, balanced; consistent mass"),
+            Entrant(
+                lambda m: Scheme(grown(symmetric=False)(m)), "ball 4 eps/h, one-sided; consistent mass", claims=False
+            ),
+            Entrant(lambda m: Scheme(ball(m), mass="lumped"), "ball 4 eps/h; lumped mass"),
+            Entrant(lambda m: Scheme(strong(m)), "ball 4 eps/h, strong form; lumped mass", claims=False),
+            fixed(Scheme(BallRule(3, 1))),
+            fixed(Scheme(BallRule(3, 1), balanced=True)),
+            fixed(Scheme(BallRule(3, 1, "vertices"), balanced=True)),
+            fixed(Scheme(BallRule(3, 1, symmetric=False))),
+        ]
+    if dim == 2:
+        some = [
+            *pairs,
+            gauss,
+            fixed(Scheme(BallRule(3, 8)), 8.1),
+            fixed(Scheme(BallRule(3, 8), balanced=True), 8.1),
+            fixed(Scheme(BallRule(3, 8, symmetric=False)), 8.1),
+            fixed(Scheme(BallRule(3, 8, "vertices"), balanced=True), 8.1),
+            fixed(Scheme(BallRule(4, 12, "vertices", symmetric=False)), 8.1),
+        ]
+        if quick:
+            return some
+        return [
+            *some,
+            fixed(Scheme(BallRule(3, 8), mass="lumped"), 8.1),
+            fixed(Scheme(BallRule(4, 12), balanced=True), 8.1),
+            fixed(Scheme(BallRule(5, 16), balanced=True), 8.1),
+            fixed(Scheme(BallRule(5, 16, symmetric=False)), 8.1),
+        ]
+    return [
+        *pairs,
+        gauss,
+        fixed(Scheme(BallRule(2, 13)), 3.1),
+        fixed(Scheme(BallRule(2, 13), balanced=True), 3.1),
+        fixed(Scheme(BallRule(2, 13, symmetric=False)), 3.1),
+        fixed(Scheme(BallRule(2, 13, "vertices"), balanced=True), 4.1),
+    ]
+
+
+@dataclass(frozen=True)
+class Race:
+    """Schemes against each other on one motion."""
+
+    motion: Callable[[], Motion]
+    sizes: tuple[int, ...]
+    quick_sizes: tuple[int, ...]
+    kinds: tuple[str, ...] = ("regular", "random", "graded")
+
+    def run(self, name: str, quick: bool, report: Report) -> Iterator[Row]:
+        motion = self.motion()
+        constant = time_constant(motion)
+        for kind in self.kinds[:2] if quick else self.kinds:
+            for entrant in entrants(motion.dim, quick):
+                for n in self.quick_sizes if quick else self.sizes:
+                    per_horizon = n * motion.horizon
+                    if per_horizon > entrant.largest:
+                        continue
+                    scheme = entrant.make(per_horizon)
+                    mesh = unit_box(motion.dim, n, kind)
+                    row = measure(motion, name, kind, mesh, n, scheme, constant, label=entrant.name)
+                    report(
+                        f"{kind}, {row.scheme}, eps/h = {per_horizon:.3g}: error {row.error_l2:.2e}, set-up "
+                        f"{row.seconds_setup:.3g} s, {row.steps} steps {row.seconds_steps:.3g} s"
+                    )
+                    yield row
+
+
+@dataclass(frozen=True)
+class Named:
+    """A study: what it is in one line, and how it runs."""
+
+    what: str
+    race: Race | None = None
+
+
+def _smooth(dim: int, horizon: float, boundary: str | None = None, **options: Any) -> Callable[[], Motion]:
+    return lambda: Manufactured(dim, horizon, law_of(dim, horizon), boundary, **options)
+
+
+STUDIES: dict[str, Named] = {
+    "smooth-1d": Named(
+        "manufactured motion, nonlinear law, free boundary, 1D",
+        Race(_smooth(1, 0.2, table=14), (20, 40, 80, 160), (20, 40, 80)),
+    ),
+    "smooth-2d": Named(
+        "manufactured motion, nonlinear law, free boundary, 2D",
+        Race(_smooth(2, 0.125, table=12), (16, 24, 32, 48, 64, 128), (16, 24, 32)),
+    ),
+    "smooth-3d": Named(
+        "manufactured motion, nonlinear law, free boundary, 3D",
+        Race(_smooth(3, 0.25, order=6, table=6), (8, 12, 16), (6, 8), ("regular", "random")),
+    ),
+    "layer-1d": Named(
+        "the same with the paper's boundary function, 1D",
+        Race(_smooth(1, 0.2, "smooth", table=14), (20, 40, 80, 160), (20, 40, 80)),
+    ),
+    "layer-2d": Named(
+        "the same with the paper's boundary function, 2D",
+        Race(_smooth(2, 0.125, "smooth", table=14), (16, 24, 32, 48, 64), (16, 24)),
+    ),
+    "layer-3d": Named(
+        "the same with the paper's boundary function, 3D",
+        Race(_smooth(3, 0.25, "smooth", order=5, table=5), (8, 12), (6, 8), ("regular",)),
+    ),
+    "waves-1d": Named(
+        "linear standing waves, exact by the dispersion relation, 1D",
+        Race(lambda: StandingWave(1, 0.08, law_of(1, 0.08, True), 0.4), (25, 50, 100, 200), (25, 50, 100)),
+    ),
+    "waves-2d": Named(
+        "linear standing shear waves, exact by the dispersion relation, 2D",
+        Race(lambda: StandingWave(2, 0.1, law_of(2, 0.1, True), 0.5, "S"), (20, 30, 40, 60), (20, 30)),
+    ),
+    "local-2d": Named("eps -> 0 at fixed eps/h against scikit-fem's local elasticity, 2D"),
+    "theorems": Named("the paper's estimates, their constants, and what is measured beside them"),
+}
+
+
+@dataclass
+class Result:
+    """What a study found: rows of runs, and tables of (heading, columns, rows)."""
+
+    name: str
+    what: str
+    quick: bool
+    rows: list[Row] = field(default_factory=list)
+    tables: list[tuple[str, tuple[str, ...], list[tuple[Any, ...]]]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def as_json(self) -> str:
+        from ..analysis.study import as_dict
+        from .output import _plain
+
+        content = {
+            "study": self.name,
+            "what": self.what,
+            "quick": self.quick,
+            "version": __version__,
+            "rows": [_plain(as_dict(row)) for row in self.rows],
+            "tables": [
+                {"heading": heading, "columns": list(columns), "rows": [[_plain(x) for x in row] for row in rows]}
+                for heading, columns, rows in self.tables
+            ],
+            "notes": self.notes,
+        }
+        return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+
+def run_study(name: str, quick: bool, report: Report) -> Result:
+    """Run a study by its name. Raises ``KeyError`` for another one."""
+    named = STUDIES[name]
+    result = Result(name, named.what, quick)
+    if named.race is not None:
+        result.rows = list(named.race.run(name, quick, report))
+    elif name == "local-2d":
+        from .theorems import local_tables
+
+        result.tables = local_tables(quick, report)
+    else:
+        from .theorems import theorem_tables
+
+        result.tables = theorem_tables(quick, report)
+    return result
+
+
+def rates(rows: Sequence[Row], what: str = "error_l2") -> list[float]:
+    """Return the observed orders of one scheme's runs, coarse to fine."""
+    chosen = sorted(rows, key=lambda row: row.n)
+    return [float(x) for x in rate([1.0 / row.n for row in chosen], [getattr(row, what) for row in chosen])]
