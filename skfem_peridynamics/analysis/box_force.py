@@ -73,7 +73,8 @@ def _between(breaks: Floats, order: int, soft: bool = False) -> tuple[Longs, Flo
 def _opening(gap: Floats, reach: Floats) -> Floats:
     """Angle from a side's normal at which a ray cut by the side is of some length; 0 where none is cut so soon."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.arccos(np.clip(np.where(gap < reach, gap / reach, 1.0), 0.0, 1.0))
+        angle: Floats = np.arccos(np.clip(np.where(gap < reach, gap / reach, 1.0), 0.0, 1.0))
+    return angle
 
 
 def _around(gaps: Floats, radius: Floats, order: int) -> tuple[Longs, Floats, Floats]:

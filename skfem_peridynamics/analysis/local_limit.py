@@ -24,7 +24,8 @@ def _body_force(x: Floats) -> Floats:
     s, c, t = np.sin(2 * x[0] + 0.3), np.cos(2 * x[0] + 0.3), x[0] - 2 * x[1]
     lap = np.array([-5 * s * np.cos(x[1]), -2.5 * np.cos(t)])
     grad_div = np.array([-4 * s * np.cos(x[1]) + np.cos(t), -2 * c * np.sin(x[1]) - 2 * np.cos(t)])
-    return -(2 * grad_div + lap)
+    force: Floats = -(2 * grad_div + lap)
+    return force
 
 
 def distance_to_local(horizon: float, per_horizon: int, rule: Rule, balanced: bool = False) -> float:

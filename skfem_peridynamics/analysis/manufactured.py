@@ -47,7 +47,7 @@ def unit_box(dim: int, n: int, kind: str = "regular", seed: int = 0) -> Mesh:
         return np.asarray(np.linalg.det(np.moveaxis(p[:, mesh.t[1:]] - p[:, mesh.t[:1]], 2, 0)))
 
     before = signed(mesh.p)
-    while (wrong := before * signed(mesh.p + shift) < 0.05 * before**2).any():
+    while (wrong := np.asarray(before * signed(mesh.p + shift) < 0.05 * before**2)).any():
         shift[:, np.unique(mesh.t[:, wrong])] *= 0.7
     return type(mesh)(mesh.p + shift, mesh.t)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from .._version import __version__
 from ..analysis.manufactured import Manufactured, Motion, unit_box
-from ..analysis.study import CLASSICAL, Row, Scheme, measure, rate, time_constant
+from ..analysis.study import CLASSICAL, TIME_SHARE, Row, Scheme, measure, rate, time_constant
 from ..analysis.waves import StandingWave
 from ..bonds.ball import BallRule
 from ..bonds.rules import PairRule
@@ -105,6 +105,7 @@ class Race:
     sizes: tuple[int, ...]
     quick_sizes: tuple[int, ...]
     kinds: tuple[str, ...] = ("regular", "random", "graded")
+    share: float = TIME_SHARE  # of the error that the time step may make
 
     def run(self, name: str, quick: bool, report: Report) -> Iterator[Row]:
         motion = self.motion()
@@ -117,7 +118,7 @@ class Race:
                         continue
                     scheme = entrant.make(per_horizon)
                     mesh = unit_box(motion.dim, n, kind)
-                    row = measure(motion, name, kind, mesh, n, scheme, constant, label=entrant.name)
+                    row = measure(motion, name, kind, mesh, n, scheme, constant, entrant.name, self.share)
                     report(
                         f"{kind}, {row.scheme}, eps/h = {per_horizon:.3g}: error {row.error_l2:.2e}, set-up "
                         f"{row.seconds_setup:.3g} s, {row.steps} steps {row.seconds_steps:.3g} s"
@@ -140,7 +141,7 @@ def _smooth(dim: int, horizon: float, boundary: str | None = None, **options: An
 STUDIES: dict[str, Named] = {
     "smooth-1d": Named(
         "manufactured motion, nonlinear law, free boundary, 1D",
-        Race(_smooth(1, 0.2, table=14), (20, 40, 80, 160), (20, 40, 80)),
+        Race(_smooth(1, 0.2, table=14), (20, 40, 80, 160), (20, 40, 80), share=0.03),
     ),
     "smooth-2d": Named(
         "manufactured motion, nonlinear law, free boundary, 2D",
@@ -152,7 +153,7 @@ STUDIES: dict[str, Named] = {
     ),
     "layer-1d": Named(
         "the same with the paper's boundary function, 1D",
-        Race(_smooth(1, 0.2, "smooth", table=14), (20, 40, 80, 160), (20, 40, 80)),
+        Race(_smooth(1, 0.2, "smooth", table=14), (20, 40, 80, 160), (20, 40, 80), share=0.03),
     ),
     "layer-2d": Named(
         "the same with the paper's boundary function, 2D",
@@ -164,7 +165,7 @@ STUDIES: dict[str, Named] = {
     ),
     "waves-1d": Named(
         "linear standing waves, exact by the dispersion relation, 1D",
-        Race(lambda: StandingWave(1, 0.08, law_of(1, 0.08, True), 0.4), (25, 50, 100, 200), (25, 50, 100)),
+        Race(lambda: StandingWave(1, 0.08, law_of(1, 0.08, True), 0.4), (25, 50, 100, 200), (25, 50, 100), share=0.03),
     ),
     "waves-2d": Named(
         "linear standing shear waves, exact by the dispersion relation, 2D",

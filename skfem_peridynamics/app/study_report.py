@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -107,7 +107,11 @@ def race_tables(rows: Sequence[Row]) -> list[tuple[str, tuple[str, ...], list[tu
 def reach_table(rows: Sequence[Row]) -> tuple[tuple[str, ...], list[tuple[Any, ...]]]:
     """Seconds to each target: classical pairs, the best other pairs, the best ball, and how many times cheaper."""
     table: list[tuple[Any, ...]] = []
-    for what, cost in (("steps", lambda row: row.seconds_steps), ("set-up and steps", lambda row: row.seconds)):
+    costs: dict[str, Callable[[Row], float]] = {
+        "steps": lambda row: row.seconds_steps,
+        "set-up and steps": lambda row: row.seconds,
+    }
+    for what, cost in costs.items():
         for target in TARGETS:
             best: dict[str, tuple[float, str]] = {}
             for name, mine in by_scheme(rows):

@@ -23,7 +23,7 @@ from ..analysis.study import CLASSICAL, Scheme, measure, prepare, rate, time_con
 from ..analysis.velocity import velocity_equation
 from ..bonds.ball import BallRule
 from ..bonds.bond_basis import BondBasis
-from ..bonds.rules import PairRule
+from ..bonds.rules import PairRule, Rule
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics
 from ..solve.central_difference import central_difference
@@ -36,7 +36,10 @@ Report = Callable[[str], None]
 def local_tables(quick: bool, report: Report) -> list[Table]:
     """Distances to the local solution and their rates in the horizon, eps/h = 2, 4 and 8."""
     out: list[Table] = []
-    schemes = [("ball 3 x 8, Gauss points", BallRule(3, 8)), ("ball 3 x 8, vertices", BallRule(3, 8, "vertices"))]
+    schemes: list[tuple[str, Rule]] = [
+        ("ball 3 x 8, Gauss points", BallRule(3, 8)),
+        ("ball 3 x 8, vertices", BallRule(3, 8, "vertices")),
+    ]
     for per_horizon, horizons in ((2, (1 / 3, 1 / 6, 1 / 12)), (4, (1 / 3, 1 / 6, 1 / 12)), (8, (1 / 2, 1 / 4, 1 / 6))):
         if quick and per_horizon == 8:
             continue
