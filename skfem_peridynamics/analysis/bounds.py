@@ -42,7 +42,7 @@ def symbol_supremum(law: Potential, influence: Any, dim: int) -> float:
     if dim == 1 and not np.isfinite(as_influence(influence).mean_inverse_power(1.0, dim)):
         return float("inf")  # it grows with the logarithm of k
     # C2 / 2 is f'(0) for laws with f'' <= 0
-    k = np.concatenate([np.linspace(0.0, 40.0, 4001)[1:], np.geomspace(40.0, 400.0, 400)])
+    k = np.concatenate([np.linspace(0.0, 20.0, 801)[1:], np.geomspace(20.0, 200.0, 100)])
     waves = ("P",) if dim == 1 else ("P", "S")
     slope = 0.5 * law.suprema[1]
     return float(

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from .._types import Basis, Floats, Load, Mesh
+from .._types import Basis, Bools, Floats, Load, Mesh
 from ..material.potential import Exponential, Linear, Potential
 from ..solve.constraints import Prescribed
 from .box_force import force_moments
@@ -65,7 +65,7 @@ class Motion:
 
     def field(self, x: Floats) -> Floats:
         """Return the field at points (n, dim), (n, dim)."""
-        return np.moveaxis(self.at(x.T), 0, 1)
+        return np.array(self.at(x.T).T)
 
     def at(self, x: Floats) -> Floats:
         """Return the field at points x (dim, ...) as scikit-fem gives them, (dim, ...)."""
@@ -250,9 +250,9 @@ class Manufactured(Motion):
         node = self._chebyshev
         c = (-1.0) ** np.arange(self.table) * np.sin(pi * (np.arange(self.table) + 0.5) / self.table)
         gap = s[:, None] - node
-        exact = np.abs(gap) < 1e-14
+        exact: Bools = np.abs(gap) < 1e-14
         ratio = c / np.where(exact, 1.0, gap)
-        local = np.where(exact.any(axis=1)[:, None], exact, ratio / ratio.sum(axis=1, keepdims=True))
+        local = np.where(np.asarray(exact.any(axis=1))[:, None], exact, ratio / ratio.sum(axis=1, keepdims=True))
         out = np.zeros((len(x), len(self._axis)))
         np.put_along_axis(out, zone[:, None] * self.table + np.arange(self.table), local, axis=1)
         return out
@@ -279,8 +279,12 @@ class Manufactured(Motion):
         return out
 
     # ---- load vectors
-    def load(self, basis: Basis, kind: str, intorder: int = 4) -> Load:
-        """Return the body force of :meth:`Motion.load`; ``intorder`` is that of the weak one."""
+    def load(self, basis: Basis, kind: str, intorder: int | None = None) -> Load:
+        """Return the body force of :meth:`Motion.load`.
+
+        The weak one is integrated with ``intorder``; without it with order 8 (3D: 4), and with 18 (6) in elements
+        where the force is not smooth: at the boundary and across the depths where its layer ends.
+        """
         from skfem import Basis as MakeBasis
         from skfem import LinearForm
 
@@ -294,12 +298,23 @@ class Manufactured(Motion):
         elif kind == "weak":
             from skfem.helpers import dot
 
-            fine = MakeBasis(mesh, basis.elem, intorder=intorder)
-            x = np.asarray(fine.global_coordinates())
-            at = self.moments(x.reshape(dim, -1).T)
-            form = LinearForm(lambda v, w: dot(w["b"], v))
-            inertia = LinearForm(lambda v, w: dot(self.at(w.x), v)).assemble(fine)
-            forces = np.stack([form.assemble(fine, b=one.T.reshape(x.shape)) for one in at])
+            inertia, forces = np.zeros(basis.N), np.zeros((len(self.series), basis.N))
+            depth = np.minimum(mesh.p, 1.0 - mesh.p).min(axis=0)[mesh.t]
+            nearest, farthest = depth.min(axis=0) - 1e-9, depth.max(axis=0) + 1e-9
+            rough = nearest < 0.0
+            for layer in (self.horizon, 2.0 * self.horizon)[: 1 if self.boundary is None else 2]:
+                rough |= (nearest + 2e-9 < layer) & (layer < farthest - 2e-9)
+            low, high = (8, 18) if dim < 3 else (4, 6)
+            for some, order in ((np.flatnonzero(rough), high), (np.flatnonzero(~rough), low)):
+                if not len(some):
+                    continue
+                fine = MakeBasis(mesh, basis.elem, intorder=intorder or order, elements=some)
+                x = np.asarray(fine.global_coordinates())
+                at = self.moments(x.reshape(dim, -1).T)
+                form = LinearForm(lambda v, w: dot(w["b"], v))
+                inertia += LinearForm(lambda v, w: dot(self.at(w.x), v)).assemble(fine)
+                for k, one in enumerate(at):
+                    forces[k] += form.assemble(fine, b=one.T.reshape(x.shape))
         else:
             raise ValueError(f'kind = {kind!r} must be "weak" or "nodal"')
         odd = 2 * np.arange(len(self.series)) + 1

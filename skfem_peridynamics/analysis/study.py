@@ -13,53 +13,17 @@ import numpy as np
 import skfem
 
 from .._types import Basis, Floats, Load, Mesh
-from ..bonds.ball import BallRule
 from ..bonds.bond_basis import BondBasis
-from ..bonds.rules import PairRule, Rule
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics
 from ..solve.central_difference import central_difference
 from ..solve.cfl import StepLimit, stable_time_step
 from ..solve.constraints import Prescribed
 from .manufactured import Motion, unit_box
+from .scheme import CLASSICAL, Scheme
 
 SAFETY = 0.9  # of the stable limit
 TIME_SHARE = 0.3  # of the error that the time step may make; a run that finds more is repeated with a smaller step
-
-
-@dataclass(frozen=True)
-class Scheme:
-    """A rule, a mass and whether weights are balanced: all that makes a scheme, beside central difference in time.
-
-    >>> Scheme(BallRule(3, 8), balanced=True).name
-    'ball 3 x 8, Gauss points outside, balanced; consistent mass'
-    """
-
-    rule: Rule
-    balanced: bool = False
-    mass: str | None = None
-
-    @property
-    def kind(self) -> str:
-        """The mass: consistent where Gauss points are outside, lumped where vertices are, unless given."""
-        outside = getattr(self.rule, "outer", getattr(self.rule, "points", "vertices"))
-        return self.mass or ("consistent" if outside == "gauss" else "lumped")
-
-    @property
-    def family(self) -> str:
-        """Classical pairs, pairs or ball: what the tables compare."""
-        if isinstance(self.rule, BallRule):
-            return "ball"
-        return "classical" if self == CLASSICAL else "pairs"
-
-    @property
-    def name(self) -> str:
-        strong = isinstance(self.rule, BallRule) and not self.rule.symmetric and self.rule.outer == "vertices"
-        form = "strong form, " if strong else ""
-        return f"{form}{self.rule.name}{', balanced' if self.balanced else ''}; {self.kind} mass"
-
-
-CLASSICAL = Scheme(PairRule())
 
 
 @dataclass(frozen=True)
@@ -203,7 +167,7 @@ def measure(
     """
     setup = prepare(problem, mesh, scheme)
     dt = SAFETY * setup.limit.dt
-    for _ in range(4):
+    for _ in range(8):
         state, seconds, steps = setup.run(dt)
         dt = state.dt
         l2, h1 = problem.errors(mesh, state.u, state.t)

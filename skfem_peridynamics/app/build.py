@@ -8,10 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._types import Basis, Csr, Floats, Load, Longs, Mesh
+from ..analysis.scheme import Scheme
 from ..bonds.ball import BallRule
 from ..bonds.bond_basis import BondBasis
 from ..bonds.parts import BallPart, PairPart
@@ -20,6 +22,7 @@ from ..geometry.layers import collar, named_facets, region
 from ..geometry.simplices import vertex_volumes
 from ..geometry.slit import Crack, facets_on, slit
 from ..material.calibration import Material
+from ..material.influence import as_influence
 from ..model.kernels import matrix_bytes
 from ..model.loads import layer_share, traction
 from ..model.mass import mass_matrix
@@ -30,6 +33,9 @@ from .formula import Formula
 from .meshes import blame, free_memory, make_mesh
 from .reading import SceneError
 from .scene import LoadTable, Scene, Where
+
+if TYPE_CHECKING:
+    from .auto import Choice
 
 _log = logging.getLogger("skfem_peridynamics")
 _AXES = ("x", "y", "z")
@@ -110,22 +116,55 @@ class Problem:
             )
         with blame("bonds"):
             _ = bonds.parts  # made here, where a vertex without a bond has a key to blame
-            if table.balanced:
+            if self.form.balanced:
                 bonds = bonds.balanced()
         return bonds
 
     @cached_property
+    def form(self) -> Scheme:
+        """The rule, its balance and the mass: as the scene says, or as the measured tables advise."""
+        table = self.scene.bonds
+        if table.rule == "auto":
+            form = self.choice.scheme
+        else:
+            with blame("bonds"):
+                form = Scheme(table.make_rule(), bool(table.balanced))
+        return dataclasses.replace(form, mass=self.scene.time.mass)
+
+    @cached_property
+    def choice(self) -> Choice:
+        """What ``rule = "auto"`` chooses on the mesh before refinement, and why; said in the log."""
+        from .auto import choose
+
+        scene, mesh = self.scene, self._unrefined
+        influence = as_influence(scene.bonds.influence)
+        dim = int(mesh.dim())
+        with blame("material"):
+            slope = self.material.law(dim, influence.moment(dim)).slope
+        # in 1D the closed form knows no step: half the time a wave takes across the horizon is about it
+        mean = influence.mean_inverse_power(1.0, dim)
+        lam = (
+            8.0 * slope * (mean if np.isfinite(mean) else 4.0) / (scene.material.density * dim * scene.bonds.horizon**2)
+        )
+        dt = scene.time.step or scene.time.safety * 2.0 / np.sqrt(lam)
+        chosen = choose(
+            mesh,
+            scene.bonds.horizon,
+            fracturing=scene.material.potential != "linear",
+            tolerance=scene.bonds.tolerance,
+            steps=scene.time.until / dt,
+        )
+        _log.warning('bonds.rule = "auto" takes %s', chosen.why)
+        return chosen
+
+    @property
     def rule(self) -> Rule:
-        with blame("bonds"):
-            return self.scene.bonds.make_rule()
+        return self.form.rule
 
     @property
     def mass_kind(self) -> str:
         """Lumped, or consistent where Gauss points are outside: what each kind of bonds is accurate with."""
-        outside = self.scene.bonds.rule == "gauss_pairs" or (
-            self.scene.bonds.rule == "ball" and self.scene.bonds.outer != "vertices"
-        )
-        return self.scene.time.mass or ("consistent" if outside else "lumped")
+        return self.form.kind
 
     @property
     def scheme(self) -> str:
@@ -144,7 +183,7 @@ class Problem:
         dim, nvertices, nelements = (int(x) for x in (self.mesh.dim(), self.mesh.nvertices, self.mesh.nelements))
         kind = BallPart if isinstance(self.rule, BallRule) else PairPart
         matrices = min(matrix_bytes(self.expected_bonds, dim, kind), MATRIX_MEMORY)
-        per_bond = 64 + (_BALANCING[dim] if self.scene.bonds.balanced else 0)
+        per_bond = 64 + (_BALANCING[dim] if self.form.balanced else 0)
         return (
             int(self.expected_bonds * per_bond + matrices) + 60 * 8 * dim * nvertices + 200 * dim * nelements + _PROGRAM
         )

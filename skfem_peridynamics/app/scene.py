@@ -77,7 +77,8 @@ class MaterialTable:
 class BondsTable:
     """``[bonds]``: horizon, influence function, the paper's boundary function, and the rule of the double integral.
 
-    ``rule`` is ``"pairs"`` of vertices, ``"gauss_pairs"`` or ``"ball"``. ``partial_volume`` goes with pairs,
+    ``rule`` is ``"pairs"`` of vertices, ``"gauss_pairs"``, ``"ball"``, or ``"auto"``: chosen by measured tables for the
+    mesh, and for ``tolerance`` where the body does not break. ``partial_volume`` goes with pairs,
     ``radial``, ``angular``, ``outer`` and ``symmetric`` with the ball. Weights that are ``balanced`` pass the patch
     test on any mesh.
     """
@@ -85,16 +86,22 @@ class BondsTable:
     horizon: float = key(positive)
     influence: str = key(choice("constant", "conical", "gaussian"), "constant")
     boundary_function: str | None = key(choice("smooth"), None)
-    rule: str = key(choice("pairs", "gauss_pairs", "ball"), "pairs")
+    rule: str = key(choice("pairs", "gauss_pairs", "ball", "auto"), "pairs")
     partial_volume: bool | None = key(flag, None)
     radial: int | None = key(count, None)
     angular: int | None = key(count, None)
     outer: str | None = key(choice("gauss", "vertices"), None)
     symmetric: bool | None = key(flag, None)
-    balanced: bool = key(flag, False)
+    balanced: bool | None = key(flag, None)
+    tolerance: float | None = key(positive, None)
 
     def __post_init__(self) -> None:
-        theirs = ("partial_volume",) if self.rule == "ball" else ("radial", "angular", "outer", "symmetric")
+        ball = ("radial", "angular", "outer", "symmetric")
+        theirs: tuple[str, ...] = ("partial_volume",) if self.rule == "ball" else ball
+        if self.rule == "auto":
+            theirs = ("partial_volume", *ball, "balanced")
+        elif self.tolerance is not None:
+            raise ValueError(f"tolerance = {self.tolerance:g} goes with rule = 'auto'")
         for name in theirs:
             if getattr(self, name) is not None:
                 raise ValueError(f"{name} = {getattr(self, name)!r} does not go with rule = {self.rule!r}")
@@ -107,6 +114,8 @@ class BondsTable:
         given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         if self.rule == "ball":
             return BallRule(**given)
+        if self.rule == "auto":
+            raise ValueError("rule = 'auto' is chosen for a mesh; see app.auto.choose")
         return PairRule(points="gauss" if self.rule == "gauss_pairs" else "vertices", **given)
 
 
@@ -196,12 +205,19 @@ class TimeTable:
     """``[time]``: run ``until``; the step is ``safety`` times the stable limit, or ``step`` as given.
 
     ``mass`` is ``"lumped"`` or ``"consistent"``; without it rules with Gauss points outside take the consistent one.
+    ``scheme`` is ``"central_difference"``; ``"auto"`` is that too, as long as there is no other, and leaves no room for
+    a ``mass`` of your own.
     """
 
     until: float = key(positive)
     safety: float = key(positive, 0.9)
     step: float | None = key(positive, None)
     mass: str | None = key(choice("lumped", "consistent"), None)
+    scheme: str = key(choice("central_difference", "auto"), "central_difference")
+
+    def __post_init__(self) -> None:
+        if self.scheme == "auto" and self.mass is not None:
+            raise ValueError(f"mass = {self.mass!r} does not go with scheme = 'auto', which chooses it")
 
 
 @dataclass(frozen=True)

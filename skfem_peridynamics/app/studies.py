@@ -11,7 +11,8 @@ import numpy as np
 
 from .._version import __version__
 from ..analysis.manufactured import Manufactured, Motion, unit_box
-from ..analysis.study import CLASSICAL, TIME_SHARE, Row, Scheme, measure, rate, time_constant
+from ..analysis.scheme import CLASSICAL, Scheme
+from ..analysis.study import TIME_SHARE, Row, measure, rate, time_constant
 from ..analysis.waves import StandingWave
 from ..bonds.ball import BallRule
 from ..bonds.rules import PairRule
@@ -46,8 +47,8 @@ def fixed(scheme: Scheme, largest: float = np.inf, claims: bool = False) -> Entr
 def entrants(dim: int, quick: bool) -> list[Entrant]:
     """Return the schemes of a dimension. Those that grow with the mesh claim to converge; fixed balls do not."""
     balanced = Scheme(PairRule(), balanced=True)
-    pairs = [fixed(CLASSICAL, claims=True), fixed(balanced, np.inf if dim == 1 else 8.1, claims=True)]
-    gauss = fixed(Scheme(PairRule(points="gauss")), 24.5 if dim == 1 else 6.1 if dim == 2 else 2.1, claims=True)
+    pairs = [fixed(CLASSICAL, claims=True), fixed(balanced, {1: np.inf, 2: 8.1, 3: 3.1}[dim], claims=True)]
+    gauss = fixed(Scheme(PairRule(points="gauss")), 64.5 if dim == 1 else 6.1 if dim == 2 else 2.1, claims=True)
     if dim == 1:
 
         def grown(**options: Any) -> Callable[[float], BallRule]:
@@ -83,7 +84,7 @@ def entrants(dim: int, quick: bool) -> list[Entrant]:
         return [
             *some,
             fixed(Scheme(BallRule(3, 8), mass="lumped"), 8.1),
-            fixed(Scheme(BallRule(4, 12), balanced=True), 8.1),
+            fixed(Scheme(BallRule(4, 12), balanced=True), 6.1),
             fixed(Scheme(BallRule(5, 16), balanced=True), 8.1),
             fixed(Scheme(BallRule(5, 16, symmetric=False)), 8.1),
         ]
@@ -91,7 +92,7 @@ def entrants(dim: int, quick: bool) -> list[Entrant]:
         *pairs,
         gauss,
         fixed(Scheme(BallRule(2, 13)), 3.1),
-        fixed(Scheme(BallRule(2, 13), balanced=True), 3.1),
+        fixed(Scheme(BallRule(2, 13), balanced=True), 2.1),
         fixed(Scheme(BallRule(2, 13, symmetric=False)), 3.1),
         fixed(Scheme(BallRule(2, 13, "vertices"), balanced=True), 4.1),
     ]
@@ -153,7 +154,7 @@ STUDIES: dict[str, Named] = {
     ),
     "layer-1d": Named(
         "the same with the paper's boundary function, 1D",
-        Race(_smooth(1, 0.2, "smooth", table=14), (20, 40, 80, 160), (20, 40, 80), share=0.03),
+        Race(_smooth(1, 0.2, "smooth", table=14), (40, 80, 160, 320), (40, 80, 160), share=0.03),
     ),
     "layer-2d": Named(
         "the same with the paper's boundary function, 2D",

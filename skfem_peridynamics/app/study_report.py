@@ -66,9 +66,10 @@ def shown(value: Any) -> str:
     """A number with three digits, an absent one as a dash."""
     if isinstance(value, bool) or not isinstance(value, (float, np.floating)):
         return str(value)
-    if np.isnan(value):
+    number = float(value)
+    if np.isnan(number):
         return "-"
-    return f"{value:.2e}" if value and not 1e-2 <= abs(value) < 1e4 else f"{value:.3g}"
+    return f"{number:.2e}" if number and not 1e-2 <= abs(number) < 1e4 else f"{number:.3g}"
 
 
 def by_scheme(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:

@@ -19,7 +19,8 @@ from ..analysis.bounds import (
 )
 from ..analysis.local_limit import distance_to_local
 from ..analysis.manufactured import Manufactured, unit_box
-from ..analysis.study import CLASSICAL, Scheme, measure, prepare, rate, time_constant, vector_basis
+from ..analysis.scheme import CLASSICAL, Scheme
+from ..analysis.study import measure, prepare, rate, time_constant, vector_basis
 from ..analysis.velocity import velocity_equation
 from ..bonds.ball import BallRule
 from ..bonds.bond_basis import BondBasis
