@@ -158,7 +158,7 @@ STUDIES: dict[str, Named] = {
     ),
     "layer-2d": Named(
         "the same with the paper's boundary function, 2D",
-        Race(_smooth(2, 0.125, "smooth", table=14), (16, 24, 32, 48, 64), (16, 24)),
+        Race(_smooth(2, 0.125, "smooth", table=14), (16, 24, 32, 48), (16, 24), ("regular", "random")),
     ),
     "layer-3d": Named(
         "the same with the paper's boundary function, 3D",
