@@ -16,7 +16,7 @@ from skfem_peridynamics.app.estimate import distance, move, order_of, prolongati
 
 WAVE = """
 title = "a bump that spreads"
-mesh = {box = [[0, 1], [0, 1]], divisions = [12, 12]}
+mesh = {box = [[0, 1], [0, 1]], divisions = [8, 8]}
 material = {lame = 1.0, potential = "linear", density = 1.0, plane = "strain"}
 bonds = {horizon = 0.25}
 initial = {displacement = ["0.01*exp(-10*((x-0.5)^2+(y-0.5)^2))", "0"]}

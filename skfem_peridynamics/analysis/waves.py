@@ -23,6 +23,7 @@ class StandingWave(Motion):
     Vertices within two horizons of the boundary are moved as the wave moves; beyond them the ball is whole, and the
     motion that of the infinite body. The wave runs along (1, 2, 3) and moves along k, or across for ``wave="S"``.
 
+    >>> from skfem_peridynamics import Linear
     >>> round(StandingWave(2, 0.1, Linear(6.0), length=0.5).omega, 4)     # long waves: 2 pi / 0.5 sqrt(3) = 21.7656
     21.0612
     """

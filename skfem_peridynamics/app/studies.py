@@ -146,7 +146,7 @@ STUDIES: dict[str, Named] = {
     ),
     "smooth-2d": Named(
         "manufactured motion, nonlinear law, free boundary, 2D",
-        Race(_smooth(2, 0.125, table=12), (16, 24, 32, 48, 64, 128), (16, 24, 32)),
+        Race(_smooth(2, 0.125, table=12), (16, 32, 48, 64, 128), (16, 24, 32)),
     ),
     "smooth-3d": Named(
         "manufactured motion, nonlinear law, free boundary, 3D",
