@@ -59,7 +59,7 @@ def interpolation_constant(dim: int, degree: int = 7) -> float:
     The seminorm is that of the whole Hessian. The supremum is taken over polynomials; degree 7 is within 0.1 % in 1D
     and 2D, 1 % in 3D.
 
-    >>> round(interpolation_constant(1) * np.pi**2, 3), round(interpolation_constant(2), 3)   # 1 / pi^2; Liu and Kikuchi
+    >>> round(interpolation_constant(1) * np.pi**2, 3), round(interpolation_constant(2), 3)  # 1/pi^2; Liu, Kikuchi
     (1.0, 0.167)
     """
     # a cube is made of permuted copies of 1 >= x1 >= x2 >= .. >= 0: Gauss's rule in x1, x2 / x1, ..

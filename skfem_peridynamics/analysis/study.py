@@ -239,7 +239,10 @@ def seconds_to(rows: Sequence[Row], error: float, what: Callable[[Row], float] =
     fall = logs[0][k - 1] - logs[0][k]
     if fall < 0.3:
         return float("nan")
-    return float(np.exp(logs[1][k] + (logs[1][k] - logs[1][k - 1]) * (logs[0][k] - np.log(error)) / fall))
+    rise = logs[1][k] - logs[1][k - 1]
+    if not len(reached):  # beyond the runs an error is never had for less
+        rise = max(rise, 0.0)
+    return float(np.exp(logs[1][k] + rise * (logs[0][k] - np.log(error)) / fall))
 
 
 def as_dict(row: Row) -> dict[str, Any]:

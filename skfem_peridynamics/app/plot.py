@@ -102,6 +102,8 @@ def plot_damage(path: Path, basis: Basis, u: Floats, intact: Floats, title: str)
 
 def plot_work_precision(path: Path, rows: Sequence[Row], title: str) -> None:
     """Draw error against seconds, log-log, a panel for each mesh, a line for each scheme; the Pareto front in black."""
+    import matplotlib
+
     from ..analysis.study import pareto
 
     kinds = list(dict.fromkeys(row.mesh for row in rows))
@@ -119,7 +121,7 @@ def plot_work_precision(path: Path, rows: Sequence[Row], title: str) -> None:
             label = name
             if len(mine) > 1:
                 label += f" (rate {np.log(error[-2] / error[-1]) / np.log(mine[-1].n / mine[-2].n):.1f})"
-            colour = f"C{k % 10}"
+            colour = matplotlib.colormaps["tab20"](k % 20)
             axes.loglog(error, seconds, f"{shapes[mine[0].family]}-", color=colour, ms=4, lw=1.2, label=label)
         front = [some[k] for k in pareto([row.seconds for row in some], [row.error_l2 for row in some])]
         axes.loglog(
