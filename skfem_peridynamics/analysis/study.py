@@ -22,6 +22,7 @@ from ..solve.constraints import Prescribed
 from .manufactured import Motion, unit_box
 from .scheme import CLASSICAL, Scheme
 
+_FARTHEST = 8.0  # how far below the smallest error of its runs seconds are extrapolated
 SAFETY = 0.9  # of the stable limit
 TIME_SHARE = 0.3  # of the error that the time step may make; a run that finds more is repeated with a smaller step
 
@@ -225,7 +226,8 @@ def pareto(seconds: Sequence[float], error: Sequence[float]) -> list[int]:
 def seconds_to(rows: Sequence[Row], error: float, what: Callable[[Row], float] = lambda row: row.seconds) -> float:
     """Return the seconds one scheme needs for an error: log-log between its runs; beyond them, by its last two.
 
-    Returns nan where the runs tell nothing: fewer than two, or an error that no longer falls.
+    Returns nan where the runs tell nothing: fewer than two, an error that no longer falls, or one more than eight times
+    below the last.
     """
     chosen = sorted(rows, key=lambda row: row.n)
     e, s = np.array([row.error_l2 for row in chosen]), np.array([what(row) for row in chosen])
@@ -237,7 +239,7 @@ def seconds_to(rows: Sequence[Row], error: float, what: Callable[[Row], float] =
     if k == 0:
         return float(s[0])
     fall = logs[0][k - 1] - logs[0][k]
-    if fall < 0.3:
+    if fall < 0.3 or error * _FARTHEST < e[k]:
         return float("nan")
     rise = logs[1][k] - logs[1][k - 1]
     if not len(reached):  # beyond the runs an error is never had for less
