@@ -93,7 +93,11 @@ def test_keys_that_do_not_go_with_auto():
     with pytest.raises(SceneError, match="tolerance = 0.1 goes with rule = 'auto'"):
         Scene.parse(SCENE.format(law='potential = "linear"', more=", tolerance = 0.1").replace('rule = "auto", ', ""))
     with pytest.raises(SceneError, match="mass = 'lumped' does not go with scheme = 'auto'"):
-        Scene.parse(SCENE.format(law='potential = "linear"', more="").replace('"auto"}', '"auto", mass = "lumped"}'))
+        Scene.parse(
+            SCENE.format(law='potential = "linear"', more="").replace(
+                'scheme = "auto"', 'scheme = "auto", mass = "lumped"'
+            )
+        )
 
 
 def test_an_automatic_scene_runs(tmp_path, capsys):
@@ -155,4 +159,4 @@ def test_choices_on_problems_they_were_not_made_from():
         print(*line[:5], f"{line[5]:.2f}", line[6])
     print(f"{len(within)} of {len(judged)} choices within 1.5 of the best")
     assert len(judged) > 20
-    assert len(within) > 0.6 * len(judged)
+    assert len(within) > 0.8 * len(judged)

@@ -95,8 +95,15 @@ def per_horizon(mesh: Mesh, horizon: float) -> float:
 
 
 def is_irregular(mesh: Mesh) -> bool:
-    """Return whether the volumes of inner vertices differ by more than a lattice's do."""
+    """Return whether the volumes of inner vertices differ by more than a lattice's do.
+
+    >>> import skfem
+    >>> is_irregular(skfem.MeshLine(np.array([0.0, 0.1, 0.3, 0.6, 1.0])))
+    True
+    """
     volumes = _inner_volumes(mesh)
+    if len(volumes) == mesh.nvertices:
+        return False  # no vertex inside: nothing is known
     return bool(np.std(volumes) > _IRREGULAR * np.mean(volumes))
 
 

@@ -253,7 +253,7 @@ def _study(arguments: argparse.Namespace) -> int:
         raise SceneError(f"study {arguments.what!r} is not known and no scene file (.toml); {hint}")
     from . import plot
     from .output import make_folder
-    from .study_report import write_study
+    from .study_report import write_rows, write_study
 
     def report(line: str) -> None:
         if not arguments.quiet:
@@ -261,7 +261,8 @@ def _study(arguments: argparse.Namespace) -> int:
 
     if arguments.what in STUDIES:
         make_folder(arguments.out)
-        result = run_study(arguments.what, arguments.quick, report)
+        # a study of minutes leaves its rows behind when it is stopped
+        result = run_study(arguments.what, arguments.quick, report, lambda part: write_rows(arguments.out, part))
     else:
         from .estimate import study_scene
 

@@ -207,12 +207,15 @@ class Result:
         return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
-def run_study(name: str, quick: bool, report: Report) -> Result:
-    """Run a study by its name. Raises ``KeyError`` for another one."""
+def run_study(name: str, quick: bool, report: Report, keep: Callable[[Result], None] | None = None) -> Result:
+    """Run a study by its name; ``keep`` gets the rows so far. Raises ``KeyError`` for another name."""
     named = STUDIES[name]
     result = Result(name, named.what, quick)
     if named.race is not None:
-        result.rows = list(named.race.run(name, quick, report))
+        for row in named.race.run(name, quick, report):
+            result.rows.append(row)
+            if keep is not None:
+                keep(result)
     elif name == "local-2d":
         from .theorems import local_tables
 

@@ -19,12 +19,17 @@ TARGETS = (1e-2, 1e-3, 1e-4)
 FILES = ("study.json", "study.csv", "study.md", "study.png")
 
 
+def write_rows(folder: Path, result: Result) -> None:
+    """Write ``study.csv`` alone, with the rows so far."""
+    write_whole(folder / "study.csv", as_csv(result))
+
+
 def write_study(folder: Path, result: Result, pictures: bool) -> list[str]:
     """Write the files of a study into a folder that exists; return their names."""
     for old in FILES:
         (folder / old).unlink(missing_ok=True)
     names = ["study.json", "study.csv", "study.md"]
-    write_whole(folder / "study.csv", as_csv(result))
+    write_rows(folder, result)
     write_whole(folder / "study.md", as_markdown(result))
     if pictures and result.rows:
         from .plot import plot_work_precision
