@@ -34,7 +34,7 @@ def test_meshes_are_known(dim):
     lattice, random, graded = (box(dim, 10, kind) for kind in ("structured", "random", "graded"))
     assert [is_irregular(mesh) for mesh in (lattice, random, graded)] == [False, True, True]
     assert per_horizon(lattice, 0.4) == pytest.approx(4.0)
-    assert per_horizon(random, 0.4) == pytest.approx(4.0, rel=0.1)
+    assert per_horizon(random, 0.4) == pytest.approx(4.0, rel=0.03)  # 2.6 % measured (1D)
     assert is_irregular(skfem.MeshTri()) is False  # no vertex inside
 
 
@@ -142,7 +142,7 @@ def judge(rows, tolerances=(1e-2, 3e-3, 1e-3)):
 
 
 def auto_mesh(dim, n, kind):
-    from skfem_peridynamics.analysis.manufactured import unit_box
+    from skfem_peridynamics.analysis.motion import unit_box
 
     return unit_box(dim, n, kind)
 

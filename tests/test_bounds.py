@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bodies import box, vector_basis
-from skfem_peridynamics import BondBasis, Exponential, Linear, Peridynamics, Rational
+from skfem_peridynamics import BondBasis, Exponential, Linear, Peridynamics, Rational, central_difference, mass_matrix
 from skfem_peridynamics.analysis.bounds import (
     Convergence,
     convergence_constants,
@@ -15,6 +15,7 @@ from skfem_peridynamics.analysis.bounds import (
     symbol_supremum,
 )
 from skfem_peridynamics.analysis.manufactured import Manufactured
+from skfem_peridynamics.analysis.velocity import velocity_equation
 from skfem_peridynamics.app import theorems
 from skfem_peridynamics.app.studies import law_of
 
@@ -103,7 +104,7 @@ def test_lipschitz_constant_of_the_force():
 def test_largest_tangent_is_that_of_the_dense_matrix():
     body = Peridynamics(BondBasis(vector_basis(box(2, 6, "random")), 0.4), Exponential(1.0, 0.1))
     u = np.random.default_rng(0).standard_normal(body.basis.N)
-    M = theorems.mass_matrix(body.basis)
+    M = mass_matrix(body.basis)
     dense = np.linalg.eigvals(body.tangent(u).toarray() / M.diagonal()[:, None])
     assert theorems.largest_tangent(body, M, u) == pytest.approx(np.abs(dense).max(), rel=1e-3)
 
@@ -139,3 +140,17 @@ def test_horizon_in_front():
     assert exponents["L2, ball, balanced, consistent mass"] > -0.1
     assert abs(exponents["H1, ball, balanced, consistent mass"]) < 0.1
     assert -2.0 < exponents["L2, classical pairs, lumped mass"] < 0.0
+
+
+def test_velocity_of_a_moving_start():
+    """A body thrown at t = 0: its velocity changes at once, and the equation must start in the middle of a step."""
+    body = Peridynamics(BondBasis(vector_basis(box(1, 20, "random")), 0.15), Exponential(1.0, 1.0))
+    M = mass_matrix(body.basis)
+    v0 = np.sin(3 * body.basis.mesh.p[0])
+    misses = []
+    for dt in (0.04, 0.02, 0.01):
+        run = central_difference(body, M, 0.2 * v0, v0, dt=dt, until=0.4)
+        misses.append(max(np.abs(v - state.v).max() for state, v in velocity_equation(body, M, run)))
+    order = -np.polyfit(np.log([1, 2, 4]), np.log(misses), 1)[0]
+    print(f"velocity of a thrown body: {[f'{miss:.1e}' for miss in misses]}, order {order:.2f}")
+    assert 1.9 < order < 2.1

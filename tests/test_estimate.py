@@ -62,7 +62,7 @@ def test_estimate_against_a_far_finer_run(tmp_path):
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     found = summary["error_estimate"]
     print(f"estimated {found:.2e}, against three refinements {true:.2e}")
-    assert found == pytest.approx(true, rel=0.25)
+    assert found == pytest.approx(true, rel=0.1)  # 6.6 % measured
     assert "one refinement, taken to be of order 2" in summary["estimate_note"]
     assert summary["seconds"]["estimate"] > 0
     assert main(["run", str(tmp_path / "scene.toml"), "--quiet", "--out", str(tmp_path / "out")]) == 0

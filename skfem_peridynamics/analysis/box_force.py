@@ -54,14 +54,9 @@ def rays(points: Floats, horizon: float, order: int) -> Iterator[Rays]:
         yield Rays(point + low, e, weight, reach)
 
 
-def _between(breaks: Floats, order: int, soft: bool = False) -> tuple[Longs, Floats, Floats]:
-    """Gauss nodes between the breaks (n, m) of each row: number of the row, node, weight; empty panels left out.
-
-    ``soft`` is for integrands that go like the power 3/2 at the breaks: nodes are crowded there by a cubic.
-    """
+def _between(breaks: Floats, order: int) -> tuple[Longs, Floats, Floats]:
+    """Gauss nodes between the breaks (n, m) of each row: number of the row, node, weight; empty panels left out."""
     nodes, weights = np.polynomial.legendre.leggauss(order)
-    if soft:
-        nodes, weights = 1.5 * nodes - 0.5 * nodes**3, weights * 1.5 * (1.0 - nodes**2)
     breaks = np.sort(breaks, axis=1)
     width = np.diff(breaks, axis=1)
     row, panel = np.nonzero(width > 1e-13)
@@ -103,7 +98,7 @@ def _over_sphere(gaps: Floats, horizon: float, order: int) -> tuple[Longs, Float
         breaks += [_opening(height, np.full(n, part * horizon)) for part in _PARTS]
         for gap in flat:
             breaks += [np.arcsin(np.minimum(gap / horizon, 1.0)), np.arctan2(gap, height)]
-        row, tilt, w_tilt = _between(np.stack(breaks, axis=1), order, soft=True)
+        row, tilt, w_tilt = _between(np.stack(breaks, axis=1), order)
         reach = np.minimum(horizon, height[row] / np.maximum(np.cos(tilt), 1e-300))
         circle, angle, w_angle = _around(gaps[row, :2], reach * np.sin(tilt), order)
         sin = np.sin(tilt)[circle]

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import skfem
 
 from .._types import Basis, Floats, Load, Mesh
 from ..bonds.bond_basis import BondBasis
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics
+from ..model.space import vector_basis
 from ..solve.central_difference import central_difference
 from ..solve.cfl import StepLimit, stable_time_step
 from ..solve.constraints import Prescribed
-from .manufactured import Motion, unit_box
+from .clock import Clock
+from .motion import Motion, unit_box
 from .scheme import CLASSICAL, Scheme
 
 _FARTHEST = 8.0  # how far below the smallest error of its runs seconds are extrapolated
@@ -54,19 +54,6 @@ class Row:
     @property
     def seconds(self) -> float:
         return self.seconds_setup + self.seconds_steps
-
-
-@dataclass
-class Clock:
-    """Seconds of the phases of a run."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def phase(self, name: str) -> Iterator[None]:
-        begin = time.perf_counter()
-        yield
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,12 +96,6 @@ class Setup:
                 watch(state)
             before = time.perf_counter()
         return state, float(np.median(taken[1:])) * steps, steps
-
-
-def vector_basis(mesh: Mesh) -> Basis:
-    """Return the vector P1 basis of a mesh, as the schemes use it."""
-    element = (skfem.ElementLineP1, skfem.ElementTriP1, skfem.ElementTetP1)[mesh.dim() - 1]
-    return skfem.Basis(mesh, skfem.ElementVector(element()), intorder=2)
 
 
 def prepare(problem: Motion, mesh: Mesh, scheme: Scheme, **options: Any) -> Setup:

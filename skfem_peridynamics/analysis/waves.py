@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import pi
 
@@ -13,7 +13,7 @@ from ..geometry.layers import collar
 from ..material.potential import Potential
 from ..solve.constraints import Prescribed
 from .dispersion import dispersion
-from .manufactured import Motion
+from .motion import Motion
 
 
 @dataclass(frozen=True)
@@ -36,19 +36,19 @@ class StandingWave(Motion):
     influence: str = "constant"
     until: float = 0.2
 
-    @cached_property
-    def omega(self) -> float:  # type: ignore[override]
-        return float(
-            dispersion(
-                2.0 * pi / self.length,
-                dim=self.dim,
-                horizon=self.horizon,
-                slope=self.law.slope,
-                density=1.0,
-                influence=self.influence,
-                wave=self.wave,
-            )
+    omega: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        omega = dispersion(
+            2.0 * pi / self.length,
+            dim=self.dim,
+            horizon=self.horizon,
+            slope=self.law.slope,
+            density=1.0,
+            influence=self.influence,
+            wave=self.wave,
         )
+        object.__setattr__(self, "omega", float(omega))
 
     @cached_property
     def _vectors(self) -> tuple[Floats, Floats]:

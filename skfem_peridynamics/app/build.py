@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil
@@ -18,27 +17,24 @@ from ..bonds.ball import BallRule
 from ..bonds.bond_basis import BondBasis
 from ..bonds.parts import BallPart, PairPart
 from ..bonds.rules import Rule
-from ..geometry.layers import collar, named_facets, region
-from ..geometry.simplices import vertex_volumes
 from ..geometry.slit import Crack, facets_on, slit
 from ..material.calibration import Material
 from ..material.influence import as_influence
 from ..model.kernels import matrix_bytes
-from ..model.loads import layer_share, traction
 from ..model.mass import mass_matrix
 from ..model.peridynamics import MATRIX_MEMORY, Peridynamics
+from ..model.space import vector_basis
 from ..solve.cfl import StepLimit, stable_time_step
-from ..solve.constraints import Prescribed, check_fixed
-from .formula import Formula
+from ..solve.constraints import Prescribed
+from . import conditions
 from .meshes import blame, free_memory, make_mesh
 from .reading import SceneError
-from .scene import LoadTable, Scene, Where
+from .scene import Scene, Where
 
 if TYPE_CHECKING:
     from .auto import Choice
 
 _log = logging.getLogger("skfem_peridynamics")
-_AXES = ("x", "y", "z")
 _MOST_STEPS = 1e10
 _PROGRAM = 120_000_000  # bytes of the interpreter and the libraries
 _BALANCING = {1: 180, 2: 400, 3: 800}  # bytes a bond while weights are balanced
@@ -77,21 +73,15 @@ class Problem:
 
     @cached_property
     def basis(self) -> Basis:
-        from skfem import Basis, ElementLineP1, ElementTetP1, ElementTriP1, ElementVector
-
-        element = (ElementLineP1, ElementTriP1, ElementTetP1)[self.mesh.dim() - 1]()
         if self.mass_kind == "consistent":
             return self.whole_basis
         # a run sums over bonds, not over elements: the basis only numbers, so one element is all it tabulates
-        return Basis(self.mesh, ElementVector(element), elements=np.array([0]), intorder=1)
+        return vector_basis(self.mesh, elements=np.array([0]), intorder=1)
 
     @cached_property
     def whole_basis(self) -> Basis:
         """The basis with all elements tabulated, for what is integrated over the body."""
-        from skfem import Basis, ElementLineP1, ElementTetP1, ElementTriP1, ElementVector
-
-        element = (ElementLineP1, ElementTriP1, ElementTetP1)[self.mesh.dim() - 1]()
-        return Basis(self.mesh, ElementVector(element), intorder=2)
+        return vector_basis(self.mesh)
 
     @cached_property
     def material(self) -> Material:
@@ -238,114 +228,21 @@ class Problem:
 
     def vertices(self, where: Where, path: str) -> Longs:
         """Return the vertices a table selects. Raises :class:`SceneError` when there are none."""
-        if where.on is not None:
-            with blame(f"{path}.on"):
-                found = collar(self.mesh, where.on, where.width or 0.0)
-        elif where.region is not None:
-            with blame(f"{path}.region"):
-                found = region(self.mesh, where.region)
-        else:
-            assert where.where is not None
-            with blame(f"{path}.where"):
-                found = np.flatnonzero(where.where(self.mesh.p) > 0.0)
-        if not len(found):
-            raise SceneError(f"{path} selects no vertex: the set is empty")
-        return found
+        return conditions.vertices(self.mesh, where, path)
 
     @cached_property
     def fixed(self) -> list[Prescribed]:
-        out: list[Prescribed] = []
-        dim = self.mesh.dim()
-        for k, table in enumerate(self.scene.fixed):
-            path = f"fixed[{k}]"
-            if table.component != "all" and _AXES.index(table.component) >= dim:
-                raise SceneError(f"{path}.component = {table.component!r}: the body has {dim} dimensions")
-            axes = range(dim) if table.component == "all" else [_AXES.index(table.component)]
-            vertices = self.vertices(table, path)
-            points, each = self.mesh.p[:, vertices], len(list(axes))
-            dofs = (vertices[:, None] * dim + np.array(list(axes))).ravel()
-            name = "displacement" if table.displacement is not None else "velocity"
-            formula = getattr(table, name)
-            with blame(f"{path}.{name}"):
-                formula(points, 0.0)
-            motion = _motion(formula, points, each)
-            out.append(Prescribed(dofs, **{name: motion}))
-        with blame("fixed"):
-            check_fixed(out, self.basis.N)
-        return out
+        return conditions.fixed(self.scene, self.basis)
 
     @cached_property
     def load(self) -> Load | None:
         """The load vector as a function of time, or None where the scene has none."""
-        constant = np.zeros(self.basis.N)
-        moving: list[tuple[Floats, tuple[Formula, ...]]] = []
-        p = self.mesh.p
-        for k, table in enumerate(self.scene.load):
-            path = f"load[{k}]"
-            vector = table.body if table.body is not None else table.traction
-            assert vector is not None
-            name = f"{path}.{'body' if table.body is not None else 'traction'}"
-            self._components(vector, name)
-            with blame(name):
-                first = np.stack([f(p, 0.0) for f in vector])
-            if any(f.uses("t") for f in vector):
-                moving.append((self._share(table, path), vector))
-            elif table.traction is not None and table.layer is None:
-                with blame(path):
-                    constant += self._traction(table.on, first)
-            else:
-                constant += (self._share(table, path) * first).T.ravel()
-        if not self.scene.load:
-            return None
-        if not moving:
-            return lambda t: constant
-
-        def at(t: float) -> Floats:
-            total = constant.copy()
-            for share, vector in moving:
-                total += (share * np.stack([f(p, t) for f in vector])).T.ravel()
-            return total
-
-        return at
-
-    def _traction(self, on: str | None, values: Floats) -> Floats:
-        mesh = self.mesh
-        return traction(self.basis, on, lambda x: values[:, mesh.facets[:, named_facets(mesh, on)]])
-
-    def _share(self, table: LoadTable, path: str) -> Floats:
-        """What each vertex carries of a unit load: volume, area, or a part of a layer."""
-        if table.body is not None:
-            return vertex_volumes(self.mesh)
-        if table.layer is not None:
-            with blame(path):
-                return layer_share(self.basis, table.on, table.layer)
-        with blame(path):
-            return traction(self.basis, table.on, np.eye(self.mesh.dim())[0])[:: self.mesh.dim()]
-
-    def _components(self, vector: tuple[Formula, ...], path: str) -> None:
-        if len(vector) != self.mesh.dim():
-            raise SceneError(f"{path} has {len(vector)} components; the body has {self.mesh.dim()} dimensions")
-
-    def _initial(self, name: str) -> Floats | None:
-        vector: tuple[Formula, ...] | None = getattr(self.scene.initial, name)
-        if vector is None:
-            return None
-        self._components(vector, f"initial.{name}")
-        with blame(f"initial.{name}"):
-            return np.stack([f(self.mesh.p) for f in vector]).T.ravel()
+        return conditions.load(self.scene, self.basis)
 
     @cached_property
     def u0(self) -> Floats | None:
-        return self._initial("displacement")
+        return conditions.initial(self.scene, self.basis, "displacement")
 
     @cached_property
     def v0(self) -> Floats | None:
-        return self._initial("velocity")
-
-
-def _motion(formula: Formula, points: Floats, each: int) -> float | Floats | Callable[[float], Floats]:
-    if formula.uses("t"):
-        return lambda t: np.repeat(formula(points, t), each)
-    if formula.uses("x", "y", "z"):
-        return np.repeat(formula(points), each)
-    return float(formula(points[:, :1])[0])
+        return conditions.initial(self.scene, self.basis, "velocity")

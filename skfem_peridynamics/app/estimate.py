@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from .._types import Csr, Floats, Mesh
-from ..analysis.study import Clock
+from ..analysis.clock import Clock
 from ..model.mass import mass_matrix
 from ..solve.central_difference import central_difference
 from .build import SPARE, Problem

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -13,6 +10,7 @@ import numpy as np
 
 from .._types import Floats
 from .._version import __version__
+from ..analysis.clock import Clock
 from ..analysis.damage import Census, census, damage
 from ..solve.central_difference import central_difference
 from ..solve.state import State
@@ -61,26 +59,6 @@ class Silent:
         pass
 
 
-class _Clock:
-    """Seconds by phase; a phase inside another is taken from it."""
-
-    def __init__(self) -> None:
-        self.seconds = {"setup": 0.0, "cfl": 0.0, "steps": 0.0, "output": 0.0}
-        self._inner: list[float] = []
-
-    @contextmanager
-    def phase(self, name: str) -> Iterator[None]:
-        begin = time.perf_counter()
-        self._inner.append(0.0)
-        try:
-            yield
-        finally:
-            whole = time.perf_counter() - begin
-            self.seconds[name] = self.seconds.get(name, 0.0) + whole - self._inner.pop()
-            if self._inner:
-                self._inner[-1] += whole
-
-
 def peak_memory_mb() -> float:
     """Return the largest memory this process has held, in MB (nan where the system does not tell)."""
     try:
@@ -114,7 +92,7 @@ def run(
     summary says why the run stopped.
     """
     progress = progress or Silent()
-    out, clock = Path(out), _Clock()
+    out, clock = Path(out), Clock("setup", "cfl", "steps", "output")
     problem = Problem(scene)
     pictures = plot.available() if scene.output.pictures is None else scene.output.pictures
     if pictures and not plot.available():

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from .._version import __version__
-from ..analysis.manufactured import Manufactured, Motion, unit_box
+from ..analysis.manufactured import Manufactured
+from ..analysis.motion import Motion, unit_box
 from ..analysis.scheme import CLASSICAL, Scheme
 from ..analysis.study import TIME_SHARE, Row, measure, rate, time_constant
 from ..analysis.waves import StandingWave

@@ -18,15 +18,17 @@ from ..analysis.bounds import (
     symbol_supremum,
 )
 from ..analysis.local_limit import distance_to_local
-from ..analysis.manufactured import Manufactured, unit_box
+from ..analysis.manufactured import Manufactured
+from ..analysis.motion import unit_box
 from ..analysis.scheme import CLASSICAL, Scheme
-from ..analysis.study import measure, prepare, rate, time_constant, vector_basis
+from ..analysis.study import measure, prepare, rate, time_constant
 from ..analysis.velocity import velocity_equation
 from ..bonds.ball import BallRule
 from ..bonds.bond_basis import BondBasis
 from ..bonds.rules import PairRule, Rule
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics
+from ..model.space import vector_basis
 from ..solve.central_difference import central_difference
 from .studies import law_of
 

@@ -1,0 +1,100 @@
+"""Known motions of the unit interval, square or cube, and the meshes of studies."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from math import pi
+
+import numpy as np
+
+from .._types import Basis, Floats, Load, Mesh
+from ..material.potential import Potential
+from ..model.space import vector_basis
+from ..solve.constraints import Prescribed
+
+
+def unit_box(dim: int, n: int, kind: str = "regular", seed: int = 0) -> Mesh:
+    """Return the unit interval, square or cube, n elements a side: ``regular``, ``random`` or ``graded``.
+
+    ``random`` shifts inner vertices by up to 40 % of h along each axis, less where an element would fold; ``graded``
+    elements grow from 0.5 h to 1.5 h along each axis. Raises ``ValueError`` for another kind.
+
+    >>> unit_box(2, 4, "random").p.shape
+    (2, 25)
+    """
+    import skfem
+
+    if kind not in ("regular", "random", "graded"):
+        raise ValueError(f"kind = {kind!r} must be regular, random or graded")
+    axis = np.linspace(0.0, 1.0, n + 1)
+    if kind == "graded":
+        axis = 0.5 * axis + 0.5 * axis**2
+    make = (skfem.MeshLine, skfem.MeshTri, skfem.MeshTet)[dim - 1]
+    mesh = make(axis) if dim == 1 else make.init_tensor(*[axis] * dim)
+    if kind != "random":
+        return mesh
+    inner = ((mesh.p > 1e-9) & (mesh.p < 1.0 - 1e-9)).all(axis=0)
+    shift = np.random.default_rng(seed).uniform(-0.4, 0.4, mesh.p.shape) / n * inner
+
+    def signed(p: Floats) -> Floats:
+        return np.asarray(np.linalg.det(np.moveaxis(p[:, mesh.t[1:]] - p[:, mesh.t[:1]], 2, 0)))
+
+    before = signed(mesh.p)
+    while (wrong := np.asarray(before * signed(mesh.p + shift) < 0.05 * before**2)).any():
+        shift[:, np.unique(mesh.t[:, wrong])] *= 0.7
+    return type(mesh)(mesh.p + shift, mesh.t)
+
+
+class Motion(ABC):
+    """A known motion ``g(t) field(x)`` of the unit box, and what it takes to run schemes against it."""
+
+    dim: int
+    horizon: float
+    law: Potential
+    influence: str
+    omega: float
+    until: float
+    boundary: str | None = None
+
+    def field(self, x: Floats) -> Floats:
+        """Return the field at points (n, dim), (n, dim)."""
+        return np.array(self.at(x.T).T)
+
+    @abstractmethod
+    def at(self, x: Floats) -> Floats:
+        """Return the field at points x (dim, ...) as scikit-fem gives them, (dim, ...)."""
+
+    @abstractmethod
+    def gradient(self, x: Floats) -> Floats:
+        """Return ``d u_i / d x_j``, (dim, dim, ...), of the field at points (dim, ...)."""
+
+    def g(self, t: float, derivative: int = 0) -> float:
+        """Return the amplitude ``cos(omega t)`` or one of its derivatives."""
+        return float(self.omega**derivative * np.cos(self.omega * t + 0.5 * pi * derivative))
+
+    def w(self, x: Floats) -> Floats:
+        """Return the boundary function at points (n, dim), (n,)."""
+        return np.ones(len(x))
+
+    def load(self, basis: Basis, kind: str) -> Load | None:
+        """Return the body force as a function of time: ``"weak"``, ``(b, phi_i)``, or ``"nodal"``, ``V_i b(x_i)``."""
+        return None
+
+    def held(self, basis: Basis) -> list[Prescribed]:
+        """Return the prescribed motions."""
+        return []
+
+    def errors(self, mesh: Mesh, nodal: Floats, t: float, derivative: int = 0) -> tuple[float, float]:
+        """Return L2 and H1-seminorm errors of a P1 field against the motion at t, relative to the field's own norms.
+
+        ``derivative=1`` is for a velocity, relative to omega times the field.
+        """
+        basis = vector_basis(mesh, intorder=5)
+        found = basis.interpolate(nodal)
+        x, amplitude = np.asarray(basis.global_coordinates()), self.g(t, derivative)
+        scale = self.omega**derivative
+        out = []
+        for got, true in ((np.asarray(found), self.at(x)), (np.asarray(found.grad), self.gradient(x))):
+            miss = np.sqrt(((got - amplitude * true) ** 2 * basis.dx).sum())
+            out.append(float(miss / (scale * np.sqrt((true**2 * basis.dx).sum()))))
+        return out[0], out[1]
