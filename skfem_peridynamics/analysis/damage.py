@@ -60,10 +60,8 @@ def census(body: Peridynamics, u: Floats) -> Census:
     >>> torn.softened, torn.energy_intact, round(torn.energy_softened, 12)
     (1, 0.0, 0.5)
     """
-    v = body.inward(u)
 
-    def look(block: Block) -> tuple[float, int, float, float]:
-        T = block.strains(v)
+    def look(block: Block, T: Floats) -> tuple[float, int, float, float]:
         energy = block.law.energy(T)
         energy *= block.k
         Z = _ratio(block, T)
@@ -75,7 +73,7 @@ def census(body: Peridynamics, u: Floats) -> Census:
             energy[soft] = 0.0
         return largest, len(soft), float(energy.sum()), lost
 
-    rows = list(body.team.map(look, body.blocks))
+    rows = list(body.each_block(u, look))
     return Census(
         max((row[0] for row in rows), default=0.0),
         sum(row[1] for row in rows),
@@ -95,12 +93,11 @@ def damage(body: Peridynamics, u: Floats) -> Damage:
     >>> d.softened, d.intact.tolist(), round(float(d.Z[2]), 6)          # Z = S sqrt(2 b r), S = 20, r = 1/4
     (1, [1.0, 1.0, 0.5, 0.5, 1.0], 14.142136)
     """
-    v = body.inward(u)
     samples = body.bonds.samples
     Z, every, gone = np.zeros(samples.nsamples), np.zeros(samples.nsamples), np.zeros(samples.nsamples)
 
-    def look(block: Block) -> tuple[slice, Floats, Floats, Floats, int]:
-        C, ratio, live = block.incidence(1.0), _ratio(block, block.strains(v)), block.k > 0.0
+    def look(block: Block, T: Floats) -> tuple[slice, Floats, Floats, Floats, int]:
+        C, ratio, live = block.incidence(1.0), _ratio(block, T), block.k > 0.0
         soft = (ratio > 1.0) & live
         largest = np.zeros(block.part.width)
         used = C.data.ravel() > _USED
@@ -109,7 +106,7 @@ def damage(body: Peridynamics, u: Floats) -> Damage:
         return block.window, largest, C.T @ live.astype(float), lost, int(soft.sum())
 
     softened = 0
-    for window, largest, count, lost, number in body.team.map(look, body.blocks):
+    for window, largest, count, lost, number in body.each_block(u, look):
         np.maximum(Z[window], largest, out=Z[window])
         every[window] += count
         gone[window] += lost

@@ -15,7 +15,7 @@ from .._types import Basis, Floats, Longs, Mesh
 from ..geometry.layers import boundary_function
 from ..geometry.simplices import check_simplices
 from ..material.calibration import UNIT_BALL
-from ..material.influence import Influence, as_influence
+from ..material.influence import Influence, as_influence, constant
 from .forms import FormBasis
 from .parts import PairPart, Part
 from .rules import PairRule, Rule
@@ -163,6 +163,16 @@ class BondBasis(FormBasis):
     def sample_weight(self) -> Floats | None:
         """The boundary function w at the samples, or None where it is 1 everywhere."""
         return None if self.vertex_weight is None else self.samples.take(self.vertex_weight)
+
+    @property
+    def may_vanish(self) -> bool:
+        """Whether bonds within the horizon can have measure zero."""
+        return not self.plain
+
+    @property
+    def plain(self) -> bool:
+        """Whether J and w are 1 everywhere."""
+        return self.vertex_weight is None and as_influence(self.influence) is constant
 
     def measure_of(self, part: Part) -> Floats:
         """Return ``k = c weight w(x) w(y) J(r / horizon)`` of a part: ``PD = sum k f(r S^2)``, (nbonds,)."""

@@ -22,30 +22,60 @@ BLOCK = 1 << 17  # bonds of a part: large enough to outweigh the calls, small en
 
 @dataclass(frozen=True, eq=False)
 class PairPart:
-    """Bonds between samples: ``ends`` (nbonds, 2) are sample numbers less ``first``; 8 bytes a bond and the weight."""
+    """Bonds between samples, row by row: sample ``first + row + i`` has the far ends ``partner[start[i] : start[i + 1]]``.
+
+    Numbers in ``partner`` are less ``first``. ``given`` holds the weights where they are none of the rule's own; the
+    rule's are made when asked for, ``volume volume`` times the share of the ends within ``reach``, 2 where that is 0.
+    4 bytes a bond, and 8 for a given weight.
+    """
 
     samples: Samples
     first: int
     width: int
-    ends: Ints
-    weight: Floats
+    row: int
+    start: Longs
+    partner: Ints
+    reach: float
+    given: Floats | None = None
 
     @property
     def nbonds(self) -> int:
-        return len(self.weight)
+        return len(self.partner)
+
+    @property
+    def weight(self) -> Floats:
+        """Weights of the plain double integral, (nbonds,)."""
+        return self.own_weight() if self.given is None else self.given
+
+    def own_weight(self) -> Floats:
+        """Return the rule's own weights: both orders of the ends, the rim shared out (see :func:`rim_share`)."""
+        ends = self.ends + np.int32(self.first)
+        i, j = ends[:, 0], ends[:, 1]
+        volume = self.samples.volume
+        both = np.full(len(i), 2.0)
+        if self.reach > 0.0:
+            both = rim_share(np.linalg.norm(self.vectors(), axis=1), self.reach, self.samples.size, i, j)
+        return volume[i] * volume[j] * both
 
     def with_weight(self, weight: Floats) -> PairPart:
-        return dataclasses.replace(self, weight=weight)
+        return dataclasses.replace(self, given=weight)
+
+    @property
+    def ends(self) -> Ints:
+        """Both ends, sample numbers less ``first``, (nbonds, 2)."""
+        near = np.repeat(np.arange(self.row, self.row + len(self.start) - 1, dtype=np.int32), np.diff(self.start))
+        return np.stack([near, self.partner], axis=1)
 
     @property
     def nbytes(self) -> int:
         """Memory of the list."""
-        return self.ends.nbytes + self.weight.nbytes
+        return self.start.nbytes + self.partner.nbytes + (0 if self.given is None else self.given.nbytes)
 
     def vectors(self) -> Floats:
         """Return ``xi = y - x``, (nbonds, dim)."""
         points = self.samples.points[self.first : self.first + self.width]
-        return points.take(self.ends[:, 1], axis=0) - points.take(self.ends[:, 0], axis=0)
+        near = points[self.row : self.row + len(self.start) - 1]
+        return points.take(self.partner, axis=0) - near.repeat(np.diff(self.start), axis=0)
 
     def incidence(self, sign: float = -1.0) -> Csr:
         """Return the matrix that takes samples of the window to ``v(y) + sign v(x)``, csr (nbonds, width)."""
@@ -57,7 +87,8 @@ class PairPart:
 
     def sides(self) -> tuple[Ints, Floats, Ints, Floats]:
         """Return vertices of the mesh and P1 values at x and at y, each (nbonds, k)."""
-        i, j = (self.ends[:, side] + self.first for side in (0, 1))
+        ends = self.ends + np.int32(self.first)
+        i, j = ends[:, 0], ends[:, 1]
         s = self.samples
         return s.vertices[i], s.values[i], s.vertices[j], s.values[j]
 
@@ -164,6 +195,20 @@ class BallPart:
 
 
 Part: TypeAlias = PairPart | BallPart
+
+
+def rim_share(r: Floats, reach: float, size: Floats, i: Longs | Ints, j: Longs | Ints) -> Floats:
+    """Return which part of each end's cell is within ``reach`` of the other, both added: 2 well inside, 0 outside.
+
+    A cell of size h at distance r counts ``clip((reach - r) / h + 1/2, 0, 1)``.
+
+    >>> rim_share(np.array([0.5, 1.0, 1.25]), 1.0, np.array([0.5, 1.0]), np.array([0, 0, 0]), np.array([1, 1, 1])).tolist()
+    [2.0, 1.0, 0.25]
+    """
+    share = np.zeros(len(r))
+    for end in (i, j):
+        share += np.clip((reach - r) / size[end] + 0.5, 0.0, 1.0)
+    return share
 
 
 def rows_of(starts: Longs, most: int = BLOCK) -> list[slice]:

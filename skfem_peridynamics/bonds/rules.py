@@ -15,7 +15,7 @@ from ..geometry.visibility import sight
 from ..material.influence import Influence
 from . import parts
 from .neighbours import RIM, estimate_pairs, pairs_within
-from .parts import PairPart, Part
+from .parts import PairPart, Part, rim_share, rows_of
 from .samples import Samples, gauss_samples, vertex_samples
 
 
@@ -113,46 +113,47 @@ class PairRule:
         return list(made)
 
     def _parts(self, mesh: Mesh, samples: Samples, horizon: float) -> Iterator[PairPart]:
-        held: list[tuple[Ints, Floats]] = []
-        count = 0
-        for ends, weight in self._chunks(mesh, samples, horizon):
-            held.append((ends, weight))
-            count += len(weight)
+        """Rows of about a block of bonds at a time."""
+        reach = horizon if self.partial_volume else 0.0
+        near: list[Longs] = []
+        far: list[Ints] = []
+        row, count = 0, 0
+        for i, j in self._chunks(mesh, samples, horizon):
+            near, far, count = [*near, i], [*far, j], count + len(i)
             if count >= parts.BLOCK:
-                ends, weight = (np.concatenate(column) for column in zip(*held, strict=True))
-                whole = count - count % parts.BLOCK
-                for low in range(0, whole, parts.BLOCK):
-                    part = slice(low, low + parts.BLOCK)
-                    yield _part(samples, ends[part], weight[part])
-                held, count = [(ends[whole:], weight[whole:])], count - whole
+                i, j = np.concatenate(near), np.concatenate(far)
+                start = np.searchsorted(i, np.arange(row, int(i[-1]) + 2))
+                runs = rows_of(start, parts.BLOCK)
+                for run in runs[:-1]:
+                    yield _part(samples, row + run.start, start[run.start : run.stop + 1], j, reach)
+                row += runs[-1].start  # the last run may go on
+                near, far = [i[start[runs[-1].start] :]], [j[start[runs[-1].start] :]]
+                count = len(near[0])
         if count:
-            yield _part(samples, *(np.concatenate(column) for column in zip(*held, strict=True)))
+            i, j = np.concatenate(near), np.concatenate(far)
+            start = np.searchsorted(i, np.arange(row, samples.nsamples + 1))
+            for run in rows_of(start, parts.BLOCK):
+                if start[run.start] < start[run.stop]:
+                    yield _part(samples, row + run.start, start[run.start : run.stop + 1], j, reach)
 
-    def _chunks(self, mesh: Mesh, samples: Samples, horizon: float) -> Iterator[tuple[Ints, Floats]]:
-        volume, size, points = samples.volume, samples.size, samples.points.T
+    def _chunks(self, mesh: Mesh, samples: Samples, horizon: float) -> Iterator[tuple[Longs, Ints]]:
+        """Near and far ends, sorted; all of a row come together."""
+        size, points = samples.size, samples.points.T
         reach = self._reach(horizon, size)
         if self.points == "vertices":
             see, number = sight(mesh, reach), samples.vertices[:, 0].astype(np.int64)
         else:
             see, number = sight(mesh, reach, points, size), np.arange(samples.nsamples)
         for i, j, r in pairs_within(np.ascontiguousarray(points), reach):
-            share = self._share(r, size, i, j, horizon)
-            keep = np.flatnonzero(share > RIM)
-            keep = keep[~see.blocked(number[i[keep]], number[j[keep]])]
-            i, j = i[keep], j[keep]
-            yield np.stack([i, j], axis=1).astype(np.int32), 2.0 * volume[i] * volume[j] * share[keep]
-
-    def _share(self, r: Floats, size: Floats, i: Longs, j: Longs, horizon: float) -> Floats:
-        if not self.partial_volume:
-            return np.ones_like(r)
-        share = np.zeros_like(r)
-        for end in (i, j):
-            h = size[end]
-            share += 0.5 * np.clip((horizon + 0.5 * h - r) / h, 0.0, 1.0)
-        return share
+            if self.partial_volume:
+                keep = np.flatnonzero(rim_share(r, horizon, size, i, j) > 2.0 * RIM)
+                i, j = i[keep], j[keep]
+            keep = np.flatnonzero(~see.blocked(number[i], number[j]))
+            yield i[keep], j[keep].astype(np.int32)
 
 
-def _part(samples: Samples, ends: Ints, weight: Floats) -> PairPart:
-    first = int(ends.min())
-    width = int(ends.max()) + 1 - first
-    return PairPart(samples, first, width, np.ascontiguousarray(ends - np.int32(first)), np.ascontiguousarray(weight))
+def _part(samples: Samples, row: int, start: Longs, far: Ints, reach: float) -> PairPart:
+    far = far[start[0] : start[-1]]
+    first = min(row, int(far.min()))
+    last = max(row + len(start) - 2, int(far.max()))
+    return PairPart(samples, first, last + 1 - first, row - first, start - start[0], far - np.int32(first), reach)

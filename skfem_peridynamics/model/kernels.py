@@ -15,10 +15,11 @@ threads.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 import scipy.sparse as sparse
@@ -29,18 +30,53 @@ from ..bonds.parts import BallPart, PairPart, Part
 from ..material.potential import Potential
 
 _T = TypeVar("_T")
+_X = TypeVar("_X")
+
+
+class Engine(Protocol):
+    """What computes the operators of a body from its blocks; vectors are nodal, (N,).
+
+    ``each`` runs a function on every block and the scaled strains of its bonds, and yields results in block order.
+    ``product`` applies ``a_l``, or with weights (one array per block) ``X^T diag(weights) B``.
+    """
+
+    def energy(self, u: Floats) -> float: ...
+
+    def force(self, u: Floats) -> Floats: ...
+
+    def product(self, weights: Sequence[Floats] | None, v: Floats, transposed: bool = False) -> Floats: ...
+
+    def each(self, u: Floats, function: Callable[[Block, Floats], _T]) -> Iterator[_T]: ...
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Some bonds of one law: those of a part, or the ones that ``which`` lists."""
+    """Some bonds of one law: those of a part, or the ones that ``which`` lists.
+
+    It may ``keep`` its matrices and ``store`` its measures.
+    """
 
     law: Potential
     part: Part
-    k: Floats
+    bonds: BondBasis
     which: Longs | None
-    symmetric: bool
     keep: bool
+    store: bool
+
+    @property
+    def symmetric(self) -> bool:
+        return self.bonds.rule.symmetric
+
+    @property
+    def k(self) -> Floats:
+        """The measures of the bonds."""
+        made: Floats | None = self.__dict__.get("_k")
+        if made is None:
+            made = self.bonds.measure_of(self.part)
+            made = made if self.which is None else made[self.which]
+            if self.store:
+                self.__dict__["_k"] = made
+        return made
 
     @property
     def window(self) -> slice:
@@ -120,23 +156,22 @@ def _times(value: Floats, columns: Floats, p: Floats, width: int) -> Csr:
 
 
 def make_blocks(
-    bonds: BondBasis, laws: Sequence[tuple[Potential, Callable[[Part], Longs | None]]], keep: bool
+    bonds: BondBasis, laws: Sequence[tuple[Potential, Callable[[Part], Longs | None]]], keep: bool, store: bool
 ) -> Iterator[Block]:
     """Yield blocks, law by law: each law comes with the function that picks its bonds of a part (None: all).
 
-    Pairs of zero measure are left out.
+    Where pairs can have measure zero, as the boundary function and influences that end early make them, these are left
+    out.
     """
     for law, pick in laws:
         for part in bonds.parts:
-            k, which = bonds.measure_of(part), pick(part)
-            if which is not None:
-                k = k[which]
-            dead = k == 0.0 if isinstance(part, PairPart) else None
-            if dead is not None and dead.any():
-                which = np.flatnonzero(~dead) if which is None else which[~dead]
-                k = k[~dead]
-            if len(k):
-                yield Block(law, part, k, which, bonds.rule.symmetric, keep)
+            which = pick(part)
+            if isinstance(part, PairPart) and bonds.may_vanish:
+                dead = bonds.measure_of(part) == 0.0
+                if dead.any():
+                    which = np.flatnonzero(~dead) if which is None else which[~dead[which]]
+            if which is None or len(which):
+                yield Block(law, part, bonds, which, keep, store)
 
 
 def matrix_bytes(nbonds: int, dim: int, kind: type[Part]) -> int:
@@ -149,23 +184,75 @@ def matrix_bytes(nbonds: int, dim: int, kind: type[Part]) -> int:
     return nbonds * (entries * (8 + 4) + 4)
 
 
+def usable_cores() -> int:
+    """Return how many processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return max(1, len(os.sched_getaffinity(0)))
+    return os.cpu_count() or 1
+
+
 class Team:
-    """Run a function over blocks, in threads where there are several, results in block order."""
+    """Run a function over things, in threads where there are several, results in order.
 
-    def __init__(self, threads: int) -> None:
-        if threads < 1:
+    A process that was forked off starts threads of its own.
+    """
+
+    def __init__(self, threads: int | None) -> None:
+        if threads is not None and threads < 1:
             raise ValueError(f"threads = {threads} must be at least 1")
-        self.threads = threads
+        self.threads = usable_cores() if threads is None else threads
         self._pool: ThreadPoolExecutor | None = None
+        self._process = 0
 
-    def map(self, function: Callable[[Block], _T], blocks: Sequence[Block]) -> Iterator[_T]:
-        def quiet(block: Block) -> _T:
+    def map(self, function: Callable[[_X], _T], things: Sequence[_X]) -> Iterator[_T]:
+        def quiet(thing: _X) -> _T:
             # a run that has become unstable overflows; who steps it looks at the numbers, and says so in words
             with np.errstate(over="ignore", invalid="ignore"):
-                return function(block)
+                return function(thing)
 
-        if self.threads == 1 or len(blocks) < 2:
-            return map(quiet, blocks)
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self.threads)
-        return self._pool.map(quiet, blocks)
+        if self.threads == 1 or len(things) < 2:
+            return map(quiet, things)
+        if self._pool is None or self._process != os.getpid():
+            self._pool, self._process = ThreadPoolExecutor(self.threads), os.getpid()
+        return self._pool.map(quiet, things)
+
+
+@dataclass(frozen=True, eq=False)
+class SparseEngine:
+    """The operators by SciPy's sparse products: block by block, each into a window, windows added in order."""
+
+    bonds: BondBasis
+    blocks: Sequence[Block]
+    team: Team
+
+    def _samples(self, u: Floats) -> Floats:
+        return self.bonds.samples.take(u.reshape(-1, self.bonds.dim))
+
+    def _gather(self, function: Callable[[Block], Floats]) -> Floats:
+        total = np.zeros((self.bonds.samples.nsamples, self.bonds.dim))
+        for block, part in zip(self.blocks, self.team.map(function, self.blocks), strict=True):
+            total[block.window] += part
+        return total
+
+    def energy(self, u: Floats) -> float:
+        v = self._samples(u)
+        return float(sum(self.team.map(lambda block: block.energy(v), self.blocks)))
+
+    def force(self, u: Floats) -> Floats:
+        v = self._samples(u)
+        F = self._gather(lambda block: block.force(v))
+        return self.bonds.samples.spread(np.negative(F, out=F)).ravel()
+
+    def product(self, weights: Sequence[Floats] | None, v: Floats, transposed: bool = False) -> Floats:
+        x = self._samples(v)
+        given = {id(block): weight for block, weight in zip(self.blocks, weights or (), strict=weights is not None)}
+
+        def apply(block: Block) -> Floats:
+            weight = 2.0 * block.law.slope * block.k if weights is None else given[id(block)]
+            return block.product(weight, x, transposed)
+
+        return self.bonds.samples.spread(self._gather(apply)).ravel()
+
+    def each(self, u: Floats, function: Callable[[Block, Floats], _T]) -> Iterator[_T]:
+        v = self._samples(u)
+        return self.team.map(lambda block: function(block, block.strains(v)), self.blocks)

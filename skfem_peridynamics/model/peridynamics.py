@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 from scipy.sparse.linalg import LinearOperator
 
+from .._compile import available
 from .._types import Bools, Csr, Floats, Longs
 from ..bonds.bond_basis import BondBasis
 from ..bonds.parts import Part
 from ..material.calibration import Elastic, Material
 from ..material.potential import Linear, Potential
-from .kernels import Block, Team, make_blocks, matrix_bytes
+from .kernels import Block, Engine, SparseEngine, Team, make_blocks, matrix_bytes
+
+_T = TypeVar("_T")
 
 _ROUND_OFF = 1e-9  # P1 values below this do not count as use of a vertex
 
@@ -27,20 +29,15 @@ _ROUND_OFF = 1e-9  # P1 values below this do not count as use of a vertex
 MATRIX_MEMORY = 4e9  # bytes
 
 
-def usable_cores() -> int:
-    """Return how many processors this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return max(1, len(os.sched_getaffinity(0)))
-    return os.cpu_count() or 1
-
-
 @dataclass(frozen=True, eq=False)
 class Peridynamics:
     """A body with bonds and a material: the operators of the paper on the vector P1 space.
 
     ``no_fail`` lists vertices all of whose bonds stay linear for ever (a bond is no-fail when one end is).
-    ``matrix_memory`` is how many bytes the strain matrices of the bonds may take; where they would take more they are
-    remade from the bond list at every use, some ten times slower. ``material`` may also be a
+    ``compiled`` asks for compiled loops (the extra ``fast``, numba) or for SciPy's sparse products; None takes the
+    first where they can be had. Both agree to round-off. ``matrix_memory`` is how many bytes may be kept for the
+    operators: the measures of the bonds (compiled loops; made anew at every use where there is less, a fifth slower) or
+    their strain matrices (SciPy; some ten times slower). ``material`` may also be a
     :class:`~skfem_peridynamics.material.potential.Potential` given directly. Arguments and results of the operators
     are vectors (N,) numbered as the basis numbers them.
 
@@ -59,6 +56,7 @@ class Peridynamics:
     no_fail: npt.ArrayLike | None = None
     threads: int | None = None
     matrix_memory: float = MATRIX_MEMORY
+    compiled: bool | None = None
 
     def with_(self, **changes: Any) -> Peridynamics:
         """Return a copy with other bonds, another material, no-fail vertices or threads."""
@@ -98,16 +96,23 @@ class Peridynamics:
     @cached_property
     def blocks(self) -> list[Block]:
         """The bonds in computing form, those that can fail first."""
-        bonds = self.bonds
-        keep = sum(matrix_bytes(part.nbonds, bonds.dim, type(part)) for part in bonds.parts) <= self.matrix_memory
+        bonds, keep, store = self.bonds, self._fits and not self._compiles, self._fits or not self._compiles
         if self.no_fail is None:
-            return list(make_blocks(bonds, [(self.law, lambda part: None)], keep))
+            return list(make_blocks(bonds, [(self.law, lambda part: None)], keep, store))
         marked = self._spared_samples
         laws: list[tuple[Potential, Callable[[Part], Longs]]] = [
             (self.law, lambda part: np.flatnonzero(~_touches(part, marked))),
             (Linear(self.law.slope), lambda part: np.flatnonzero(_touches(part, marked))),
         ]
-        return list(make_blocks(bonds, laws, keep))
+        return list(make_blocks(bonds, laws, keep, store))
+
+    @property
+    def _fits(self) -> bool:
+        """Whether what the operators may keep, strain matrices or the measures of the bonds, fits the memory."""
+        bonds = self.bonds
+        if self._compiles:
+            return 8.0 * bonds.nbonds <= self.matrix_memory
+        return sum(matrix_bytes(part.nbonds, bonds.dim, type(part)) for part in bonds.parts) <= self.matrix_memory
 
     @property
     def _spared_samples(self) -> Floats:
@@ -123,38 +128,46 @@ class Peridynamics:
     @cached_property
     def team(self) -> Team:
         """The threads that work on the blocks, started when first needed."""
-        return Team(usable_cores() if self.threads is None else self.threads)
+        return Team(self.threads)
 
-    # ---- vertices <-> samples
-    def inward(self, u: Floats) -> Floats:
-        """Return samples (nsamples, dim) of nodal values. Raises ``ValueError`` for a vector of another length."""
+    @cached_property
+    def engine(self) -> Engine:
+        """What computes the operators: compiled loops where numba is installed, else SciPy's sparse products."""
+        sparse_engine = SparseEngine(self.bonds, self.blocks, self.team)
+        if not self._compiles:
+            return sparse_engine
+        from .compiled import CompiledEngine
+
+        return CompiledEngine(sparse_engine)
+
+    @property
+    def _compiles(self) -> bool:
+        if self.compiled and not available():
+            raise ValueError("compiled = True needs numba, and it is not installed: pip install 'skfem-peridynamics[fast]'")
+        return available() if self.compiled is None else self.compiled
+
+    def _vector(self, u: Floats) -> Floats:
         u = np.asarray(u, dtype=float)
         if u.shape != (self.basis.N,):
             raise ValueError(f"u has shape {u.shape}; the basis has {self.basis.N} degrees of freedom")
-        return self.bonds.samples.take(u.reshape(-1, self.bonds.dim))
+        return u
 
-    def outward(self, F: Floats) -> Floats:
-        """Return nodal values (N,) of what was summed at the samples: the transpose of :meth:`inward`."""
-        return self.bonds.samples.spread(F).ravel()
+    def inward(self, u: Floats) -> Floats:
+        """Return samples (nsamples, dim) of nodal values. Raises ``ValueError`` for a vector of another length."""
+        return self.bonds.samples.take(self._vector(u).reshape(-1, self.bonds.dim))
 
-    def gather(self, function: Callable[[Block], Floats]) -> Floats:
-        """Sum what each block adds to its window, in block order."""
-        total = np.zeros((self.bonds.samples.nsamples, self.bonds.dim))
-        for block, part in zip(self.blocks, self.team.map(function, self.blocks), strict=True):
-            total[block.window] += part
-        return total
+    def each_block(self, u: Floats, function: Callable[[Block, Floats], _T]) -> Iterator[_T]:
+        """Run a function on every block and the scaled strains T of its bonds, in threads; yield in block order."""
+        return self.engine.each(self._vector(u), function)
 
     # ---- the operators
     def energy(self, u: Floats) -> float:
         """Return ``PD(u)`` (paper, eq. 2.4 with 2.6)."""
-        v = self.inward(u)
-        return float(sum(self.team.map(lambda block: block.energy(v), self.blocks)))
+        return self.engine.energy(self._vector(u))
 
     def force(self, u: Floats) -> Floats:
         """Return ``-a(u, phi_i)``, minus the gradient of the energy, (N,) (paper, eq. 2.11)."""
-        v = self.inward(u)
-        F = self.gather(lambda block: block.force(v))
-        return self.outward(np.negative(F, out=F))
+        return self.engine.force(self._vector(u))
 
     def stiffness(self) -> Csr:
         """Return the matrix of ``a_l`` (paper, section 4.3), scipy csr (N, N); symmetric when the rule is."""
@@ -165,23 +178,19 @@ class Peridynamics:
         return self._assemble(self._hessians(u))
 
     def stiffness_operator(self) -> LinearOperator:
-        """Return ``a_l`` as a matrix-free operator; it stores one number per bond at most."""
-        return self._operator([2.0 * block.law.slope * block.k for block in self.blocks])
+        """Return ``a_l`` as a matrix-free operator."""
+        return self._operator(None)
 
     def tangent_operator(self, u: Floats) -> LinearOperator:
-        """Return minus the gradient of the force at u as a matrix-free operator."""
+        """Return minus the gradient of the force at u as a matrix-free operator; it stores one number per bond."""
         return self._operator(self._hessians(u))
 
     def _hessians(self, u: Floats) -> list[Floats]:
-        v = self.inward(u)
-        return [block.k * block.law.hessian(block.strains(v)) for block in self.blocks]
+        return list(self.each_block(u, lambda block, T: block.k * block.law.hessian(T)))
 
-    def _operator(self, weights: Sequence[Floats]) -> LinearOperator:
-        by_block = {id(block): weight for block, weight in zip(self.blocks, weights, strict=True)}
-
+    def _operator(self, weights: Sequence[Floats] | None) -> LinearOperator:
         def apply(x: Floats, transposed: bool = False) -> Floats:
-            v = self.inward(np.asarray(x, dtype=float).ravel())
-            return self.outward(self.gather(lambda block: block.product(by_block[id(block)], v, transposed)))
+            return self.engine.product(weights, np.asarray(x, dtype=float).ravel(), transposed)
 
         size = self.basis.N
         return LinearOperator(

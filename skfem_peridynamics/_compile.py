@@ -1,0 +1,73 @@
+"""Compiled loops: numba where the extra ``fast`` is installed, and a plain no where it is not.
+
+Everything that needs numba goes through here. Compiled code is cached on disk; where no cache can be written, or the
+one that is there cannot be read, the loops are compiled anew in each process and nothing else changes. Loops release
+the interpreter lock and never start threads of their own.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from collections.abc import Callable
+from functools import cache
+from typing import Any, TypeVar
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+
+@cache
+def available() -> bool:
+    """Return whether loops can be compiled. Numba is not imported to find out."""
+    if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
+        return False
+    return importlib.util.find_spec("numba") is not None
+
+
+def compiled(function: _F, reassociate: bool = False, keep: bool = True) -> _F:
+    """Compile a loop when it is first called; ``reassociate`` lets its sums be taken in any order.
+
+    ``keep`` stores the code on disk. Division by zero gives infinity, as in NumPy.
+    """
+    import numba
+
+    flags = {"contract", "nsz"} | ({"reassoc"} if reassociate else set())
+    options = {"nogil": True, "error_model": "numpy", "fastmath": flags}
+    if keep:
+        try:
+            made = numba.njit(cache=True, **options)(function)
+        except RuntimeError:  # no place to keep it: a read-only home, or a package inside an archive
+            pass
+        else:
+            _forgive(made)
+            return made  # type: ignore[no-any-return]
+    return numba.njit(**options)(function)  # type: ignore[no-any-return]
+
+
+def unordered(function: _F) -> _F:
+    """Compile a loop of sums that may be taken in any order."""
+    return compiled(function, reassociate=True)
+
+
+def _forgive(dispatcher: Any) -> None:
+    """A cache that cannot be read or written (disk full, a file cut short) is none."""
+    store = getattr(dispatcher, "_cache", None)
+    for name in ("load_overload", "save_overload"):
+        act = getattr(store, name, None)
+        if act is not None:
+            setattr(store, name, _forgiving(act))
+
+
+def _forgiving(act: Callable[..., Any]) -> Callable[..., Any]:
+    def attempt(*arguments: Any) -> Any:
+        try:
+            return act(*arguments)
+        except Exception:
+            return None  # numba takes None for "not there"
+
+    return attempt
+
+
+def is_compiled(function: Any) -> bool:
+    """Return whether a function is one that numba has compiled."""
+    return hasattr(function, "py_func") and hasattr(function, "signatures")
