@@ -71,3 +71,15 @@ def _forgiving(act: Callable[..., Any]) -> Callable[..., Any]:
 def is_compiled(function: Any) -> bool:
     """Return whether a function is one that numba has compiled."""
     return hasattr(function, "py_func") and hasattr(function, "signatures")
+
+
+def on_arrays(function: Any) -> Callable[..., Any]:
+    """Return a function of one number as one of arrays, compiled where that can be."""
+    if available():
+        import numba
+
+        made: Callable[..., Any] = numba.vectorize(getattr(function, "py_func", function))
+        return made
+    import numpy as np
+
+    return np.vectorize(function, otypes=[float])

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from .._compile import compiled, is_compiled, on_arrays
 from .._types import Floats
 
 
@@ -240,6 +241,41 @@ class Own(Potential):
 
     def d2f(self, q: Floats) -> Floats:
         return np.asarray(self.law.d2f(q), dtype=float)
+
+
+class Scalars:
+    """A law from three functions of one number, ``f(q)``, ``f'(q)`` and ``f''(q)``, for :func:`own_potential`.
+
+    Where numba is installed they are compiled, into the loops over the bonds too; they may call what numba can compile
+    (``math``, arithmetic, conditions). Elsewhere Python calls them number by number: right, and slow.
+
+    >>> import math
+    >>> law = own_potential(Scalars(lambda q: math.log1p(q), lambda q: 1 / (1 + q), lambda q: -1 / (1 + q) ** 2))
+    >>> law.slope, law.df(np.array([0.0, 1.0])).tolist()
+    (1.0, [1.0, 0.5])
+    """
+
+    def __init__(self, f: Callable[[float], float], df: Callable[[float], float], d2f: Callable[[float], float]):
+        self._functions = f, df, d2f
+
+    @cached_property
+    def compiled(self) -> tuple[Any, Any]:
+        """f and f' as numba has compiled them."""
+        f, df, _ = (one if is_compiled(one) else compiled(one, keep=False) for one in self._functions)
+        return f, df
+
+    @cached_property
+    def _on_arrays(self) -> tuple[Callable[[Floats], Floats], ...]:
+        return tuple(on_arrays(one) for one in self._functions)
+
+    def f(self, q: Floats) -> Floats:
+        return self._on_arrays[0](q)
+
+    def df(self, q: Floats) -> Floats:
+        return self._on_arrays[1](q)
+
+    def d2f(self, q: Floats) -> Floats:
+        return self._on_arrays[2](q)
 
 
 def own_potential(law: Any) -> Potential:

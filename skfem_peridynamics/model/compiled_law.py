@@ -1,0 +1,71 @@
+"""Potentials as the compiled loops take them: a number and constants, or compiled functions of the user's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from .._compile import compiled
+from .._types import Floats
+from ..material.potential import Exponential, Linear, Potential, Rational, Scalars
+from .kernels import Block
+from .law_loops import EXPONENTIAL, LINEAR, OWN, RATIONAL
+
+_KINDS: dict[type, int] = {Exponential: EXPONENTIAL, Rational: RATIONAL, Linear: LINEAR}
+
+
+@dataclass(frozen=True)
+class Law:
+    """Number, ``f'(0)`` and b of a law, and ``f`` and ``f'`` of one of the user's own."""
+
+    kind: int
+    slope: float
+    b: float
+    f: Any = None
+    df: Any = None
+
+    @property
+    def gradient(self) -> tuple[int, float, float, Any]:
+        """The arguments of loops that need f'."""
+        return self.kind, self.slope, self.b, self.df
+
+    @property
+    def energy(self) -> tuple[int, float, float, Any]:
+        """The arguments of loops that need f."""
+        return self.kind, self.slope, self.b, self.f
+
+    def loop(self, made: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a loop for this law: with functions of the user's own in it, its code is not kept on disk."""
+        return _unkept(made) if self.kind == OWN else made
+
+
+@cache
+def _unkept(made: Any) -> Callable[..., Any]:
+    return compiled(made.py_func, keep=False)  # type: ignore[no-any-return]
+
+
+def linear(block: Block) -> Law:
+    """Return the law of the bonds at rest."""
+    return Law(LINEAR, block.law.slope, 0.0)
+
+
+def law_of(potential: Potential) -> Law | None:
+    """Return the law for the loops, None for one that only Python can evaluate.
+
+    >>> law_of(Exponential(slope=8.0, limit=2.0)).b
+    4.0
+    """
+    if type(potential) in _KINDS:
+        return Law(_KINDS[type(potential)], potential.slope, potential.b)
+    scalars = getattr(potential, "law", None)
+    if isinstance(scalars, Scalars):
+        return Law(OWN, potential.slope, 0.0, *scalars.compiled)
+    return None
+
+
+def secant(block: Block, T: Floats) -> Floats:
+    """Return weights w that make ``B^T w B u`` the force of a law that only Python can evaluate."""
+    weight: Floats = 2.0 * block.k * block.law.df(T * T)
+    return weight
