@@ -135,9 +135,9 @@ class BallField:
     def desk(self) -> BallDesk:
         """Return new working arrays."""
         size, dim = int(self.bonds.mesh.nelements), self.bonds.dim
-        E = aligned(size, 2 * dim + dim * dim)
+        E = aligned(size, {1: 4, 2: 8, 3: 16}[dim])  # whole lines of the cache
         E[:, :dim] = self.fan.tracer.base
-        return BallDesk(E, aligned(size, dim + dim * dim))
+        return BallDesk(E, aligned(size, {1: 2, 2: 8, 3: 12}[dim]))
 
     def load(self, desk: BallDesk, u: Floats, team: Team) -> None:
         """Tabulate a displacement."""
