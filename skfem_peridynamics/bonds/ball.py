@@ -16,6 +16,7 @@ from ..geometry.rays import Tracer
 from ..geometry.simplices import describe_point, vertex_volumes
 from ..material.influence import Influence
 from . import parts
+from .neighbours import curve_order
 from .parts import BallPart, Fan, Part
 from .quadrature import half_sphere, radial_rule
 from .samples import Samples, gauss_samples, vertex_samples
@@ -89,8 +90,9 @@ class BallRule:
         fan = Fan(directions, nodes, horizon, Tracer(mesh), samples.place[mesh.t.T].astype(np.int32))
         per_site = len(directions) * self.radial
         out: list[BallPart] = []
-        for low in range(0, len(samples.sites), max(1, parts.BLOCK // per_site)):
-            run = slice(low, low + max(1, parts.BLOCK // per_site))
+        order = curve_order(samples.points[samples.sites])  # so that a part reaches as few elements as it can
+        count = max(1, parts.BLOCK // per_site)
+        for run in (order[low : low + count] for low in range(0, len(order), count)):
             site = samples.sites[run]
             reach, element = self._march(fan, samples, site, samples.element[run])
             weight = self.weights(dim, fan, reach, samples.volume[run], influence)
