@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._compile import available
 from .._types import Basis, Csr, Floats, Load, Longs, Mesh
 from ..analysis.scheme import Scheme
 from ..bonds.ball import BallRule
@@ -39,6 +40,14 @@ _MOST_STEPS = 1e10
 _PROGRAM = 120_000_000  # bytes of the interpreter and the libraries
 _BALANCING = {1: 180, 2: 400, 3: 800}  # bytes a bond while weights are balanced
 SPARE = 0.8  # of the free memory that a run may plan to take
+_PRODUCTS = 40  # of a step limit
+_SPARSE = 7e-9  # seconds a bond and force by sparse products (docs/performance.md)
+_LOADING = 1.0  # seconds that it takes to load compiled loops, with what numba itself loads
+
+
+def _worth_compiling(nbonds: int, evaluations: float) -> bool:
+    """Return whether so many forces take longer by sparse products than it takes to load compiled loops."""
+    return nbonds * evaluations * _SPARSE > _LOADING
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,21 +181,28 @@ class Problem:
         """Memory of the run: bonds as listed and as blocks, the mesh, fields, and what the program itself takes."""
         dim, nvertices, nelements = (int(x) for x in (self.mesh.dim(), self.mesh.nvertices, self.mesh.nelements))
         kind = BallPart if isinstance(self.rule, BallRule) else PairPart
-        matrices = min(matrix_bytes(self.expected_bonds, dim, kind), MATRIX_MEMORY)
+        kept = 8 * self.expected_bonds if available() else matrix_bytes(self.expected_bonds, dim, kind)
+        matrices = min(kept, MATRIX_MEMORY)
         per_bond = 64 + (_BALANCING[dim] if self.form.balanced else 0)
         return (
             int(self.expected_bonds * per_bond + matrices) + 60 * 8 * dim * nvertices + 200 * dim * nelements + _PROGRAM
         )
 
     @cached_property
-    def body(self) -> Peridynamics:
-        material = self.material
+    def resting(self) -> Peridynamics:
+        """The body for what is asked of it at rest, the step limit before all: some forty products."""
         spared = [self.vertices(table, f"no_fail[{k}]") for k, table in enumerate(self.scene.no_fail)]
         no_fail = np.unique(np.concatenate(spared)) if spared else None
-        body = Peridynamics(self.bonds, material, no_fail=no_fail)
+        body = Peridynamics(self.bonds, self.material, no_fail=no_fail)
         with blame("material"):
             _ = body.law
-        return body
+        return body if _worth_compiling(self.bonds.nbonds, _PRODUCTS) else body.with_(compiled=False)
+
+    @cached_property
+    def body(self) -> Peridynamics:
+        """The body that is stepped: by compiled loops where they save more than it takes to load them."""
+        worth = _worth_compiling(self.bonds.nbonds, self.scene.time.until / self.dt)
+        return self.resting.with_(compiled=None if worth else False)
 
     @cached_property
     def mass(self) -> Csr:
@@ -195,7 +211,7 @@ class Problem:
     @cached_property
     def limit(self) -> StepLimit:
         with blame("bonds"):
-            return stable_time_step(self.body, self.mass)
+            return stable_time_step(self.resting, self.mass)
 
     @property
     def dt(self) -> float:

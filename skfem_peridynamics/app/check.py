@@ -40,7 +40,7 @@ def check(scene: Scene) -> list[tuple[str, str]]:
     if expected <= _TRIED:
         rows.append(("bonds", f"{problem.bonds.nbonds}"))
         with blame("material"):
-            _ = problem.body.law
+            _ = problem.resting.law
         steps = round(time.until / problem.dt)
         rows.append(("steps", f"{steps} of {problem.dt:.4g}, {problem.dt / problem.limit.dt:.3g} of the stable limit"))
         rows.append(("stepping", f"about {steps * problem.bonds.nbonds * _SECONDS:.2g} s"))

@@ -101,7 +101,7 @@ def run(
         raise SceneError(f"output folder {str(out)!r} exists and is not a folder")
     with clock.phase("setup"):
         load, fixed, u0, v0 = problem.load, problem.fixed, problem.u0, problem.v0
-        blocks = len(problem.body.blocks)
+        blocks = len(problem.resting.blocks)
         mass = problem.mass
     with clock.phase("cfl"):
         limit, dt = problem.limit, problem.dt

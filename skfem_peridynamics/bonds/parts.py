@@ -22,7 +22,7 @@ BLOCK = 1 << 17  # bonds of a part: large enough to outweigh the calls, small en
 
 @dataclass(frozen=True, eq=False)
 class PairPart:
-    """Bonds between samples, row by row: sample ``first + row + i`` has the far ends ``partner[start[i] : start[i + 1]]``.
+    """Bonds between samples, by rows: sample ``first + row + i`` has the far ends ``partner[start[i] : start[i + 1]]``.
 
     Numbers in ``partner`` are less ``first``. ``given`` holds the weights where they are none of the rule's own; the
     rule's are made when asked for, ``volume volume`` times the share of the ends within ``reach``, 2 where that is 0.
@@ -55,7 +55,8 @@ class PairPart:
         both = np.full(len(i), 2.0)
         if self.reach > 0.0:
             both = rim_share(np.linalg.norm(self.vectors(), axis=1), self.reach, self.samples.size, i, j)
-        return volume[i] * volume[j] * both
+        weight: Floats = volume[i] * volume[j] * both
+        return weight
 
     def with_weight(self, weight: Floats) -> PairPart:
         return dataclasses.replace(self, given=weight)
@@ -202,7 +203,8 @@ def rim_share(r: Floats, reach: float, size: Floats, i: Longs | Ints, j: Longs |
 
     A cell of size h at distance r counts ``clip((reach - r) / h + 1/2, 0, 1)``.
 
-    >>> rim_share(np.array([0.5, 1.0, 1.25]), 1.0, np.array([0.5, 1.0]), np.array([0, 0, 0]), np.array([1, 1, 1])).tolist()
+    >>> near, far, size = np.array([0, 0, 0]), np.array([1, 1, 1]), np.array([0.5, 1.0])
+    >>> rim_share(np.array([0.5, 1.0, 1.25]), 1.0, size, near, far).tolist()
     [2.0, 1.0, 0.25]
     """
     share = np.zeros(len(r))

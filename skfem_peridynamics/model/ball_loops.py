@@ -21,8 +21,21 @@ from .law_loops import BATCH, R2, ROWS, XI, C, K, Q, S, bend, stored
 
 
 @compiled
-def _gather(axes: Any, row: int, x: Any, own: Any, reach: Any, element: Any, horizon: float, way: Any, node: Any,
-            E: Any, ray: int, end: int, W: Any) -> None:
+def _gather(
+    axes: Any,
+    row: int,
+    x: Any,
+    own: Any,
+    reach: Any,
+    element: Any,
+    horizon: float,
+    way: Any,
+    node: Any,
+    E: Any,
+    ray: int,
+    end: int,
+    W: Any,
+) -> None:
     """``y - corner`` of the bonds on some rays, ``t = e.(u_y - u_x)`` and ``1 / r`` (0 on a ray that left at once)."""
     dim, nrad = len(axes), element.shape[2]
     x0, x1, x2 = x[row, 0], x[row, 1], x[row, 2]
@@ -82,9 +95,10 @@ def _pull(n: int, given: Any, at: int, scale: float, W: Any) -> None:
 
 
 @compiled
-def _scatter(axes: Any, row: int, x: Any, own: Any, element: Any, way: Any, ray: int, end: int, both: bool, W: Any,
-             M: Any) -> None:
-    """Add ``k e`` at the site; take it, and its moment about the corner, off the far element (where it acts on both)."""
+def _scatter(
+    axes: Any, row: int, x: Any, own: Any, element: Any, way: Any, ray: int, end: int, both: bool, W: Any, M: Any
+) -> None:
+    """Add ``k e`` at the site; take it and its moment off the far element, where it acts on both."""
     dim, nrad = len(axes), element.shape[2]
     fx, fy, fz = 0.0, 0.0, 0.0
     m = 0
@@ -149,8 +163,25 @@ def _add(axes: Any, x: Any, own: Any, row: int, fx: float, fy: float, fz: float,
 
 
 @compiled
-def force(axes: Any, x: Any, own: Any, reach: Any, element: Any, horizon: float, way: Any, node: Any, E: Any,
-          given: Any, scale: float, kind: int, slope: float, b: float, law: Any, both: bool, M: Any) -> None:
+def force(
+    axes: Any,
+    x: Any,
+    own: Any,
+    reach: Any,
+    element: Any,
+    horizon: float,
+    way: Any,
+    node: Any,
+    E: Any,
+    given: Any,
+    scale: float,
+    kind: int,
+    slope: float,
+    b: float,
+    law: Any,
+    both: bool,
+    M: Any,
+) -> None:
     """Add the forces of the bonds to the element sums M."""
     W = np.empty(ROWS * BATCH)
     ndir, nrad = element.shape[1], element.shape[2]
@@ -166,8 +197,23 @@ def force(axes: Any, x: Any, own: Any, reach: Any, element: Any, horizon: float,
 
 
 @compiled
-def energy(axes: Any, x: Any, own: Any, reach: Any, element: Any, horizon: float, way: Any, node: Any, E: Any,
-           given: Any, scale: float, kind: int, slope: float, b: float, law: Any) -> float:
+def energy(
+    axes: Any,
+    x: Any,
+    own: Any,
+    reach: Any,
+    element: Any,
+    horizon: float,
+    way: Any,
+    node: Any,
+    E: Any,
+    given: Any,
+    scale: float,
+    kind: int,
+    slope: float,
+    b: float,
+    law: Any,
+) -> float:
     """Return the energy of the bonds."""
     W = np.empty(ROWS * BATCH)
     ndir, nrad = element.shape[1], element.shape[2]
@@ -184,8 +230,9 @@ def energy(axes: Any, x: Any, own: Any, reach: Any, element: Any, horizon: float
 
 
 @compiled
-def strains(axes: Any, x: Any, own: Any, reach: Any, element: Any, horizon: float, way: Any, node: Any, E: Any,
-            T: Any) -> None:
+def strains(
+    axes: Any, x: Any, own: Any, reach: Any, element: Any, horizon: float, way: Any, node: Any, E: Any, T: Any
+) -> None:
     """Write the scaled strains ``T = t / sqrt(r)`` of the bonds."""
     W = np.empty(ROWS * BATCH)
     ndir, nrad = element.shape[1], element.shape[2]
@@ -200,8 +247,20 @@ def strains(axes: Any, x: Any, own: Any, reach: Any, element: Any, horizon: floa
 
 
 @compiled
-def product(axes: Any, x: Any, own: Any, reach: Any, element: Any, horizon: float, way: Any, node: Any, E: Any,
-            weight: Any, both: bool, M: Any) -> None:
+def product(
+    axes: Any,
+    x: Any,
+    own: Any,
+    reach: Any,
+    element: Any,
+    horizon: float,
+    way: Any,
+    node: Any,
+    E: Any,
+    weight: Any,
+    both: bool,
+    M: Any,
+) -> None:
     """Take ``X^T diag(weight) B u`` off the element sums M, B the map from displacements to scaled strains."""
     W = np.empty(ROWS * BATCH)
     ndir, nrad = element.shape[1], element.shape[2]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,7 +17,7 @@ from . import ball_loops
 from .compiled_law import Law, law_of, secant
 from .kernels import Block, Team
 from .pair_tasks import aligned
-from .schedule import Schedule, marked
+from .schedule import Schedule, marked, piece
 
 _ELEMENTS = 1 << 12  # of a task that tabulates or hands over
 
@@ -45,6 +47,21 @@ class BallTask:
     given: Floats
     scale: float
     chosen: Longs | None
+    bonds: slice  # among those of the block
+
+    def split(self, most: int) -> Iterator[BallTask]:
+        """Yield tasks of runs of sites, about ``most`` bonds each."""
+        per_site = self.element.size // len(self.own)
+        count = max(1, most // per_site)
+        for low in range(0, len(self.own), count):
+            run = slice(low, low + count)
+            bonds, chosen = slice(low * per_site, min(self.element.size, (low + count) * per_site)), None
+            given = self.given[bonds]
+            if self.chosen is not None:
+                start, end = np.searchsorted(self.chosen, [bonds.start, bonds.stop])
+                bonds, chosen = slice(int(start), int(end)), self.chosen[start:end] - bonds.start
+            arrays = {name: getattr(self, name)[run] for name in ("x", "own", "reach", "element")}
+            yield dataclasses.replace(self, **arrays, given=given, chosen=chosen, bonds=bonds)
 
     def _bonds(self, desk: BallDesk) -> tuple[Any, ...]:
         field = self.field
@@ -66,13 +83,16 @@ class BallTask:
     def add_force(self, desk: BallDesk, law: Law | None) -> None:
         """Add the forces of the bonds to the sums, under a law."""
         if law is None:
-            self.take_product(desk, secant(self.block, self.strains(desk)))
+            self._take(desk, secant(self.block, self.strains(desk), self.bonds))
         else:
             loop, sums = law.loop(ball_loops.force), (self.block.symmetric, desk.M)
             loop(*self._bonds(desk), self.given, self.scale, *law.gradient, *sums)
 
     def take_product(self, desk: BallDesk, weight: Floats) -> None:
-        """Take ``X^T diag(weight) B u`` off the sums."""
+        """Take ``X^T diag(weight) B u`` off the sums; weights are those of the block's bonds."""
+        self._take(desk, weight[self.bonds])
+
+    def _take(self, desk: BallDesk, weight: Floats) -> None:
         if self.chosen is not None:
             whole = np.zeros(self.element.size)
             whole[self.chosen] = weight
@@ -112,7 +132,9 @@ class BallField:
         dim = bonds.dim
         x = np.zeros((len(site), 6))
         x[:, :dim], x[:, 3 : 3 + dim] = samples.points[site], tracer.base[own]
-        return BallTask(self, block, law_of(block.law), x, own.astype(np.int32), reach, element, given, scale, chosen)
+        whole = slice(0, element.size if chosen is None else len(chosen))
+        holds = own.astype(np.int32)
+        return BallTask(self, block, law_of(block.law), x, holds, reach, element, given, scale, chosen, whole)
 
     @cached_property
     def _pieces(self) -> list[tuple[int, int]]:
@@ -128,9 +150,11 @@ class BallField:
         return Schedule.of(self._pieces, marks)
 
     def schedule(self) -> Schedule:
+        """Return the tasks, split to keep all threads busy, in a fixed order of what they add to."""
+        most = piece(self.bonds.nbonds)
+        pieces = [some for task in self.tasks for some in task.split(most)]
         size = int(self.bonds.mesh.nelements)
-        touched = [np.append(task.element, task.own) for task in self.tasks]
-        return Schedule.of(self.tasks, [marked(places, size) for places in touched])
+        return Schedule.of(pieces, [marked(np.append(some.element, some.own), size) for some in pieces])
 
     def desk(self) -> BallDesk:
         """Return new working arrays."""

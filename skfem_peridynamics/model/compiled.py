@@ -69,8 +69,8 @@ class CompiledEngine:
             if weights is None:
                 self.schedule.run(lambda task: task.add_force(desk, linear(task.block)), self.team)
             else:
-                of = {id(task): weight for task, weight in zip(self.field.tasks, weights, strict=True)}
-                self.schedule.run(lambda task: task.take_product(desk, of[id(task)]), self.team)
+                of = {id(block): weight for block, weight in zip(self.other.blocks, weights, strict=True)}
+                self.schedule.run(lambda task: task.take_product(desk, of[id(task.block)]), self.team)
             out: Floats = self.field.collect(desk, self.team)
         return np.negative(out, out=out)
 

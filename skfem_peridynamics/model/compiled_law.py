@@ -65,7 +65,7 @@ def law_of(potential: Potential) -> Law | None:
     return None
 
 
-def secant(block: Block, T: Floats) -> Floats:
-    """Return weights w that make ``B^T w B u`` the force of a law that only Python can evaluate."""
-    weight: Floats = 2.0 * block.k * block.law.df(T * T)
+def secant(block: Block, T: Floats, some: slice) -> Floats:
+    """Return weights w that make ``B^T w B u`` the force of some bonds of a law that only Python can evaluate."""
+    weight: Floats = 2.0 * block.k[some] * block.law.df(T * T)
     return weight

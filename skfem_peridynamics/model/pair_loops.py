@@ -75,8 +75,7 @@ def _pull_cells(n: int, reach: float, own: float, mine: float, W: Any) -> None:
 
 
 @compiled
-def _batch(axes: Any, J: Any, n: int, i: int, P: Any, given: Any, low: int, reach: float, scale: float,
-           W: Any) -> None:
+def _batch(axes: Any, J: Any, n: int, i: int, P: Any, given: Any, low: int, reach: float, scale: float, W: Any) -> None:
     """Everything about a batch that comes before the law."""
     dim = len(axes)
     _gather(axes, J, n, i, P, given, W)
@@ -110,8 +109,21 @@ def _scatter(axes: Any, J: Any, n: int, i: int, W: Any, F: Any) -> None:
 
 
 @compiled
-def force(axes: Any, start: Any, far: Any, first: int, P: Any, given: Any, reach: float, scale: float, kind: int,
-          slope: float, b: float, own: Any, F: Any) -> None:
+def force(
+    axes: Any,
+    start: Any,
+    far: Any,
+    first: int,
+    P: Any,
+    given: Any,
+    reach: float,
+    scale: float,
+    kind: int,
+    slope: float,
+    b: float,
+    own: Any,
+    F: Any,
+) -> None:
     """Add the forces of the bonds to F, three rows (of which the last are not used in 1D and 2D)."""
     W = np.empty(ROWS * BATCH)
     for row in range(len(start) - 1):
@@ -125,8 +137,20 @@ def force(axes: Any, start: Any, far: Any, first: int, P: Any, given: Any, reach
 
 
 @compiled
-def energy(axes: Any, start: Any, far: Any, first: int, P: Any, given: Any, reach: float, scale: float, kind: int,
-           slope: float, b: float, own: Any) -> float:
+def energy(
+    axes: Any,
+    start: Any,
+    far: Any,
+    first: int,
+    P: Any,
+    given: Any,
+    reach: float,
+    scale: float,
+    kind: int,
+    slope: float,
+    b: float,
+    own: Any,
+) -> float:
     """Return the energy of the bonds."""
     W = np.empty(ROWS * BATCH)
     total = 0.0

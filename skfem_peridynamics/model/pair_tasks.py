@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,11 +13,13 @@ import numpy as np
 from .._compile import compiled
 from .._types import Floats, Ints, Longs
 from ..bonds.bond_basis import BondBasis
-from ..bonds.parts import PairPart
+from ..bonds.parts import PairPart, rows_of
 from . import pair_loops
 from .compiled_law import Law, law_of, secant
 from .kernels import Block, Team
-from .schedule import Schedule
+from .schedule import Schedule, piece
+
+_SAMPLES = 1 << 15  # filled or emptied at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +46,26 @@ class PairTask:
     given: Floats | None
     reach: float
     scale: float
+    bonds: slice  # among those of the block
+
+    def split(self, most: int) -> Iterator[PairTask]:
+        """Yield tasks of runs of rows, about ``most`` bonds each."""
+        for run in rows_of(self.start, most):
+            low, high = int(self.start[run.start]), int(self.start[run.stop])
+            yield dataclasses.replace(
+                self,
+                row=self.row + run.start,
+                start=self.start[run.start : run.stop + 1] - low,
+                partner=self.partner[low:high],
+                given=None if self.given is None else self.given[low:high],
+                bonds=slice(low, high),
+            )
+
+    def touched(self) -> slice:
+        """The samples from the first near end to the last far end."""
+        first = self.block.window.start
+        last = max(self.row + len(self.start) - 2, int(self.partner.max(initial=0)))
+        return slice(first + self.row, first + last + 1)
 
     def _bonds(self, desk: PairDesk) -> tuple[Any, ...]:
         return (0,) * len(desk.F), self.start, self.partner, self.row, desk.P[self.block.window]
@@ -60,14 +85,15 @@ class PairTask:
     def add_force(self, desk: PairDesk, law: Law | None) -> None:
         """Add the forces of the bonds to the sums, under a law."""
         if law is None:
-            self.take_product(desk, secant(self.block, self.strains(desk)))
+            weight = secant(self.block, self.strains(desk), self.bonds)
+            pair_loops.product(*self._bonds(desk), weight, desk.view(self.block.window))
         else:
             measure, sums = (self.given, self.reach, self.scale), desk.view(self.block.window)
             law.loop(pair_loops.force)(*self._bonds(desk), *measure, *law.gradient, sums)
 
     def take_product(self, desk: PairDesk, weight: Floats) -> None:
-        """Take ``B^T diag(weight) B u`` off the sums."""
-        pair_loops.product(*self._bonds(desk), weight, desk.view(self.block.window))
+        """Take ``B^T diag(weight) B u`` off the sums; weights are those of the block's bonds."""
+        pair_loops.product(*self._bonds(desk), weight[self.bonds], desk.view(self.block.window))
 
 
 class PairField:
@@ -86,16 +112,25 @@ class PairField:
             given = None if given is None else given[block.which]
         if not plain or (given is None and block.store):
             given, scale = block.k, 1.0
-        return PairTask(block, law_of(block.law), part.row, start, partner, given, part.reach, scale)
+        whole = slice(0, len(partner))
+        return PairTask(block, law_of(block.law), part.row, start, partner, given, part.reach, scale, whole)
 
     def schedule(self) -> Schedule:
-        n = self.bonds.samples.nsamples
+        """Return the tasks, split to keep all threads busy, in a fixed order of what they add to."""
+        most = piece(self.bonds.nbonds)
+        pieces = [some for task in self.tasks for some in task.split(most)]
         marks = []
-        for task in self.tasks:
-            mine = np.zeros(n, dtype=bool)
-            mine[task.block.window] = True
+        for some in pieces:
+            mine = np.zeros(self.bonds.samples.nsamples, dtype=bool)
+            mine[some.touched()] = True
             marks.append(mine)
-        return Schedule.of(self.tasks, marks)
+        return Schedule.of(pieces, marks)
+
+    @cached_property
+    def _runs(self) -> list[tuple[int, int]]:
+        """Samples in runs."""
+        n = self.bonds.samples.nsamples
+        return [(low, min(n, low + _SAMPLES)) for low in range(0, n, _SAMPLES)]
 
     def desk(self) -> PairDesk:
         """Return new working arrays."""
@@ -108,10 +143,12 @@ class PairField:
         """Put a displacement into the table, zeros into the sums."""
         samples, dim = self.bonds.samples, self.bonds.dim
         if samples.at_vertices:
-            _fill(samples.vertices, u.reshape(-1, dim), desk.P)
+            nodal = u.reshape(-1, dim)
+            for _ in team.map(lambda run: _fill(samples.vertices, nodal, *run, desk.P, desk.F), self._runs):
+                pass
         else:
             desk.P[:, dim + 1 : 2 * dim + 1] = samples.take(u.reshape(-1, dim))
-        desk.F.fill(0.0)
+            desk.F.fill(0.0)
 
     def collect(self, desk: PairDesk, team: Team) -> Floats:
         """Return what the tasks have added, as nodal values."""
@@ -119,7 +156,8 @@ class PairField:
         if not samples.at_vertices:
             return samples.spread(desk.F.T).ravel()
         out = np.empty((samples.nvertices, len(desk.F)))
-        _empty(samples.vertices, desk.F, out)
+        for _ in team.map(lambda run: _empty(samples.vertices, desk.F, *run, out), self._runs):
+            pass
         return out.ravel()
 
 
@@ -135,17 +173,20 @@ def aligned(rows: int, columns: int) -> Floats:
 
 
 @compiled
-def _fill(vertices: Any, nodal: Any, P: Any) -> None:
-    """Nodal values into the table of samples that are vertices."""
+def _fill(vertices: Any, nodal: Any, low: int, high: int, P: Any, F: Any) -> None:
+    """Nodal values into the table of samples that are vertices, zeros into their sums."""
     dim = nodal.shape[1]
-    for i in range(len(vertices)):
+    for i in range(low, high):
         for a in range(dim):
             P[i, dim + 1 + a] = nodal[vertices[i, 0], a]
+    for a in range(dim):
+        for i in range(low, high):
+            F[a, i] = 0.0
 
 
 @compiled
-def _empty(vertices: Any, F: Any, nodal: Any) -> None:
+def _empty(vertices: Any, F: Any, low: int, high: int, nodal: Any) -> None:
     """Sums at samples that are vertices, to the vertices."""
-    for i in range(len(vertices)):
+    for i in range(low, high):
         for a in range(len(F)):
             nodal[vertices[i, 0], a] = F[a, i]

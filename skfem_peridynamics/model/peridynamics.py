@@ -143,7 +143,9 @@ class Peridynamics:
     @property
     def _compiles(self) -> bool:
         if self.compiled and not available():
-            raise ValueError("compiled = True needs numba, and it is not installed: pip install 'skfem-peridynamics[fast]'")
+            raise ValueError(
+                "compiled = True needs numba, and it is not installed: pip install 'skfem-peridynamics[fast]'"
+            )
         return available() if self.compiled is None else self.compiled
 
     def _vector(self, u: Floats) -> Floats:

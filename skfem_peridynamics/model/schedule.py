@@ -15,6 +15,17 @@ import numpy as np
 from .._types import Bools, Ints
 from .kernels import Team
 
+_LEAST, _MOST, _TASKS = 1 << 14, 1 << 16, 64  # handing out a task costs some ten microseconds, a bond some nanoseconds
+
+
+def piece(nbonds: int) -> int:
+    """Return of how many bonds to make a task: enough tasks for all threads, none too small.
+
+    >>> piece(10**4), piece(4 * 10**6), piece(10**9)
+    (16384, 62500, 65536)
+    """
+    return min(_MOST, max(_LEAST, nbonds // _TASKS))
+
 
 def marked(places: Ints, size: int) -> Bools:
     """Return which of ``size`` places are among some numbers.
@@ -49,7 +60,10 @@ def phases(marks: Sequence[Bools]) -> list[list[int]]:
 
 @dataclass(frozen=True, eq=False)
 class Schedule:
-    """Tasks in the order of their phases, and for each the earlier ones that touch what it touches."""
+    """Tasks in the order of their phases, and for each the earlier ones that it has to wait for.
+
+    These touch what it touches; those that another of them waits for already are left out.
+    """
 
     tasks: Sequence[Any]
     waits: Sequence[Sequence[int]]
@@ -58,7 +72,16 @@ class Schedule:
     def of(cls, tasks: Sequence[Any], marks: Sequence[Bools]) -> Schedule:
         """Order tasks by the places that they touch."""
         order = [number for phase in phases(marks) for number in phase]
-        waits = [[k for k in range(n) if (marks[order[k]] & marks[order[n]]).any()] for n in range(len(order))]
+        waits: list[list[int]] = []
+        before: list[int] = []  # all that come before each task, a bit for each
+        for n, number in enumerate(order):
+            mine, known = [], 0
+            for k in reversed(range(n)):
+                if not known >> k & 1 and (marks[order[k]] & marks[number]).any():
+                    mine.append(k)
+                    known |= before[k] | 1 << k
+            waits.append(mine)
+            before.append(known)
         return cls([tasks[number] for number in order], waits)
 
     def run(self, function: Callable[[Any], Any], team: Team) -> None:
