@@ -6,10 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from .._compile import available
 from .._types import Floats, Longs
 
 RIM = 1e-9  # relative: pairs this little beyond the reach are on its rim, and count
 _POINTS = 2048  # searched at a time
+_MANY = 50_000  # points from which compiled loops search; before that they take longer to load
 _BITS = 20  # of a coordinate on the curve
 
 
@@ -52,9 +54,14 @@ def pairs_within(x: Floats, reach: float) -> Iterator[tuple[Longs, Longs, Floats
     >>> [[a.tolist() for a in chunk] for chunk in pairs_within(np.array([[0.0, 1.0, 2.0, 2.0]]), 1.0)]
     [[[0, 1, 1], [1, 2, 3], [1.0, 1.0, 1.0]]]
     """
+    n = x.shape[1]
+    if n >= _MANY and available():
+        from .search_loops import pairs
+
+        yield from pairs(x, reach * (1.0 + RIM))
+        return
     from scipy.spatial import cKDTree
 
-    n = x.shape[1]
     tree = cKDTree(x.T)
     for start in range(0, n, _POINTS):
         some = cKDTree(x.T[start : start + _POINTS])

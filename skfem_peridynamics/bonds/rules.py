@@ -10,7 +10,7 @@ import numpy as np
 
 from .._types import Floats, Ints, Longs, Mesh
 from ..geometry.pieces import connected
-from ..geometry.simplices import describe_point, vertex_sizes
+from ..geometry.simplices import describe_point, longest_edge, vertex_sizes
 from ..geometry.visibility import sight
 from ..material.influence import Influence
 from . import parts
@@ -92,7 +92,8 @@ class PairRule:
         degree = np.zeros(samples.nsamples, dtype=np.int64)
         for part in made:
             window = slice(part.first, part.first + part.width)
-            degree[window] += np.bincount(part.ends.ravel(), minlength=part.width)
+            degree[window] += np.bincount(part.partner, minlength=part.width)
+            degree[part.first + part.row :][: len(part.start) - 1] += np.diff(part.start)
         lonely = np.flatnonzero(degree == 0)
         if len(lonely):
             vertex = samples.vertices[lonely[0], 0]
@@ -103,6 +104,8 @@ class PairRule:
                 f"bond ({len(lonely)} of {samples.nsamples} points); the mesh size there is "
                 f"{vertex_sizes(mesh)[vertex]:.3g}: take a larger horizon or a finer mesh"
             )
+        if self.points == "vertices" and longest_edge(mesh) <= horizon:
+            return list(made)  # every edge of an element is a bond: the bonds hang together as the mesh does
         ends = np.concatenate([part.ends + np.int32(part.first) for part in made])
         pieces, bonded = connected(mesh.t, mesh.nvertices)[0], connected(ends.T, samples.nsamples)[0]
         if bonded > pieces:

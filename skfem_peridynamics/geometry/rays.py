@@ -15,6 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .._compile import available
 from .._types import Floats, Ints, Longs, Mesh
 
 _CHUNK = 1 << 15  # rays that advance together: bounds the memory
@@ -24,6 +25,7 @@ _TURNS = (
     40  # rounds without advancing after which a ray is moved; a vertex of a good mesh has at most about 30 elements
 )
 _NUDGE = 1e-10  # of the same
+_MANY = 20_000  # elements from which compiled loops march; below that they take longer to load
 
 
 def opposite_neighbours(mesh: Mesh) -> Ints:
@@ -130,6 +132,12 @@ class Tracer:
         is taken in.
         """
         corner, element, start = self._stars
+        if available() and self.mesh.nelements >= _MANY:
+            from .ray_loops import first_elements
+
+            entered = np.empty(len(vertex), dtype=np.int64)
+            first_elements(vertex, direction, corner, element, start, self.gradient, -_PARALLEL, entered)
+            return entered
         count = start[vertex + 1] - start[vertex]
         out = np.full(len(vertex), -1, dtype=np.int64)
         step = max(1, (1 << 18) // max(1, int(count.max(initial=1))))
@@ -197,6 +205,20 @@ class Tracer:
 
     def _walk(self, x: Floats, element: Longs, way: Floats, length: Floats, at: Floats) -> tuple[Floats, Ints]:
         """Reach of each ray, and the elements at distances ``at`` (n, nnodes)."""
+        if not (available() and self.mesh.nelements >= _MANY):
+            return self._walk_together(x, element, way, length, at)
+        from .ray_loops import walk
+
+        reach, found, stuck = length.copy(), np.zeros(at.shape, dtype=np.int32), np.zeros(len(x), dtype=bool)
+        mesh = self.gradient, self.base, self.neighbour, self.extent
+        walk(x, element, way, length, at, *mesh, _PARALLEL, _STILL, _TURNS, reach, found, stuck)
+        if stuck.any():
+            some = x[stuck], element[stuck], way[stuck], length[stuck], at[stuck]
+            reach[stuck], found[stuck] = self._walk_together(*some)
+        return reach, found
+
+    def _walk_together(self, x: Floats, element: Longs, way: Floats, length: Floats, at: Floats) -> tuple[Floats, Ints]:
+        """The same, all rays an element a round."""
         n, nnodes = at.shape
         reach, found = length.copy(), np.zeros((n, nnodes), dtype=np.int32)
         scale = np.minimum(length, self.extent)  # what round-off is measured by

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from math import factorial
 
 import numpy as np
@@ -80,6 +81,20 @@ def vertex_sizes(mesh: Mesh) -> Floats:
     dim = mesh.dim()
     size: Floats = (factorial(dim) * total / count) ** (1.0 / dim)
     return size
+
+
+def longest_edge(mesh: Mesh) -> float:
+    """Return the length of the longest edge of an element.
+
+    >>> import skfem
+    >>> round(longest_edge(skfem.MeshTri()), 12)
+    1.414213562373
+    """
+    squares = [
+        float(np.square(mesh.p[:, mesh.t[b]] - mesh.p[:, mesh.t[a]]).sum(axis=0).max())
+        for a, b in combinations(range(len(mesh.t)), 2)
+    ]
+    return float(np.sqrt(max(squares)))
 
 
 def outward_normals(mesh: Mesh, facets: Ints) -> tuple[Floats, Floats]:

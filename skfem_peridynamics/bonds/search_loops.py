@@ -1,0 +1,76 @@
+"""Compiled search for pairs: points sorted into cells as wide as the reach, neighbours looked for in cells that touch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from .._compile import compiled
+from .._types import Floats, Ints, Longs
+
+_ROWS = 4096  # searched at a time
+_MOST_CELLS = 4  # a point: where points are far apart in a wide body, cells are widened
+
+
+def pairs(x: Floats, reach: float) -> Iterator[tuple[Longs, Longs, Floats]]:
+    """Yield ``(i, j, distance)`` of all pairs i < j of points (dim, n) with ``0 < distance <= reach``, row by row."""
+    dim, n = x.shape
+    points = np.zeros((n, 3))
+    points[:, :dim] = x.T
+    low, extent = points.min(axis=0), np.ptp(points, axis=0)
+    side = reach
+    while True:
+        shape = np.floor(extent / side).astype(np.int64) + 1
+        if shape.astype(float).prod() <= _MOST_CELLS * n + 27:
+            break
+        side *= 1.5
+    cell = np.minimum(((points - low) / side).astype(np.int64), shape - 1)
+    number = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
+    order = np.argsort(number, kind="stable").astype(np.int32)
+    start = np.searchsorted(number[order], np.arange(int(shape.prod()) + 1))
+    count, room = np.zeros(_ROWS, dtype=np.int64), 1 << 16
+    for first in range(0, n, _ROWS):
+        last = min(n, first + _ROWS)
+        while True:
+            far, r = np.empty(room, dtype=np.int64), np.empty(room)
+            found = _rows(points, cell, shape, order, start, first, last, reach, count, far, r)
+            if found <= room:
+                break
+            room = found + (found >> 2)
+        yield np.repeat(np.arange(first, last), count[: last - first]), far[:found], r[:found]
+
+
+@compiled
+def _rows(
+    x: Any, cell: Any, shape: Any, order: Any, start: Any, first: int, last: int, reach: float, count: Any, far: Any, r: Any
+) -> int:
+    """Neighbours of some points, sorted, and their distances; return how many there are, or would be with room."""
+    found, limit = 0, reach * reach
+    for i in range(first, last):
+        begin = found
+        x0, x1, x2 = x[i, 0], x[i, 1], x[i, 2]
+        for a in range(max(cell[i, 0] - 1, 0), min(cell[i, 0] + 2, shape[0])):
+            for b in range(max(cell[i, 1] - 1, 0), min(cell[i, 1] + 2, shape[1])):
+                row = (a * shape[1] + b) * shape[2]
+                # cells along the last axis follow one another
+                low = start[row + max(cell[i, 2] - 1, 0)]
+                high = start[row + min(cell[i, 2] + 2, shape[2])]
+                for k in range(low, high):
+                    j = order[k]
+                    if j > i:
+                        d0, d1, d2 = x[j, 0] - x0, x[j, 1] - x1, x[j, 2] - x2
+                        square = d0 * d0 + d1 * d1 + d2 * d2
+                        if 0.0 < square <= limit:
+                            if found < len(far):
+                                far[found] = j
+                            found += 1
+        count[i - first] = found - begin
+        if found <= len(far):
+            far[begin:found].sort()
+            for k in range(begin, found):
+                j = far[k]
+                d0, d1, d2 = x[j, 0] - x0, x[j, 1] - x1, x[j, 2] - x2
+                r[k] = np.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
+    return found
