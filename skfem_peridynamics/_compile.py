@@ -11,9 +11,7 @@ import importlib.util
 import os
 from collections.abc import Callable
 from functools import cache
-from typing import Any, TypeVar
-
-_F = TypeVar("_F", bound=Callable[..., Any])
+from typing import Any
 
 
 @cache
@@ -24,7 +22,7 @@ def available() -> bool:
     return importlib.util.find_spec("numba") is not None
 
 
-def compiled(function: _F, reassociate: bool = False, keep: bool = True) -> _F:
+def compiled(function: Callable[..., Any], reassociate: bool = False, keep: bool = True) -> Callable[..., Any]:
     """Compile a loop when it is first called; ``reassociate`` lets its sums be taken in any order.
 
     ``keep`` stores the code on disk. Division by zero gives infinity, as in NumPy.
@@ -44,7 +42,7 @@ def compiled(function: _F, reassociate: bool = False, keep: bool = True) -> _F:
     return numba.njit(**options)(function)  # type: ignore[no-any-return]
 
 
-def unordered(function: _F) -> _F:
+def unordered(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a loop of sums that may be taken in any order."""
     return compiled(function, reassociate=True)
 
@@ -68,18 +66,30 @@ def _forgiving(act: Callable[..., Any]) -> Callable[..., Any]:
     return attempt
 
 
-def is_compiled(function: Any) -> bool:
-    """Return whether a function is one that numba has compiled."""
-    return hasattr(function, "py_func") and hasattr(function, "signatures")
+def scalar(function: Any) -> Callable[[float], float]:
+    """Compile a user's function of one number, unless it is already."""
+    if hasattr(function, "py_func"):
+        return function  # type: ignore[no-any-return]
+    import inspect
+
+    return compiled(function if inspect.isfunction(function) else _around(function), keep=False)
 
 
 def on_arrays(function: Any) -> Callable[..., Any]:
     """Return a function of one number as one of arrays, compiled where that can be."""
     if available():
+        import inspect
+
         import numba
 
-        made: Callable[..., Any] = numba.vectorize(getattr(function, "py_func", function))
+        plain = getattr(function, "py_func", function)
+        made: Callable[..., Any] = numba.vectorize(plain if inspect.isfunction(plain) else _around(plain))
         return made
     import numpy as np
 
     return np.vectorize(function, otypes=[float])
+
+
+def _around(function: Any) -> Callable[[float], float]:
+    """A function of Python around one of C, such as ``math.log1p``: numba compiles no other."""
+    return lambda q: function(q)

@@ -253,7 +253,9 @@ def test_matrices_kept_or_remade_give_the_same_bits():
 def test_memory_of_a_bond(dim, most):
     """All arrays that bonds and body hold for it: ends or elements, weights, measures, reaches; matrices not kept."""
     for rule in (PairRule(), PairRule(points="gauss"), BallRule(3, 8), BallRule(3, 20, "vertices"), BallRule(2, 7)):
-        body = body_on(box(dim, {2: 12, 3: 4}[dim]), {2: 0.3, 3: 0.6}[dim], rule=rule, matrix_memory=0.0, compiled=False)
+        body = body_on(
+            box(dim, {2: 12, 3: 4}[dim]), {2: 0.3, 3: 0.6}[dim], rule=rule, matrix_memory=0.0, compiled=False
+        )
         body.energy(np.zeros(body.basis.N))
         held = body.bonds.nbytes + sum(block.k.nbytes for block in body.blocks)
         print(f"{dim}D, {rule.name}: {held / body.bonds.nbonds:.1f} bytes a bond")

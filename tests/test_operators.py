@@ -30,15 +30,17 @@ bodies = st.tuples(
     st.sampled_from([None, "smooth"]),
     st.sampled_from(RULES),
     st.booleans(),
+    st.booleans(),
     st.integers(0, 2**31),
 )
 
 
 def make(case):
-    dim, kind, influence, law, w, rule, kept, seed = case
+    dim, kind, influence, law, w, rule, kept, compiled, seed = case
     mesh = box(dim, DIVISIONS[dim], kind, seed % 7)
-    memory = 1e9 if kept else 0.0  # matrices of bonds kept, or remade at every use
-    body = body_on(mesh, HORIZON[dim], law, influence, boundary_function=w, rule=rule, threads=1, matrix_memory=memory)
+    memory = 1e9 if kept else 0.0  # matrices or measures of bonds kept, or remade at every use
+    options = {"rule": rule, "threads": 1, "matrix_memory": memory, "compiled": compiled}
+    body = body_on(mesh, HORIZON[dim], law, influence, boundary_function=w, **options)
     return body, mesh, np.random.default_rng(seed)
 
 

@@ -37,7 +37,7 @@ def curve_order(x: Floats) -> Longs:
     """
     dim = x.shape[1]
     extent = max(float(np.ptp(x, axis=0).max()), np.finfo(float).tiny)
-    cell = ((x - x.min(axis=0)) * (((1 << _BITS) - 1) / extent)).astype(np.int64)
+    cell = ((x - x.min(axis=0)) / extent * ((1 << _BITS) - 1)).astype(np.int64)
     key = np.zeros(len(x), dtype=np.int64)
     for bit in range(_BITS):
         for axis in range(dim):

@@ -1,4 +1,4 @@
-"""Compiled search for pairs: points sorted into cells as wide as the reach, neighbours looked for in cells that touch."""
+"""Compiled search for pairs: points sorted into cells as wide as the reach, neighbours looked for in touching cells."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._compile import compiled
-from .._types import Floats, Ints, Longs
+from .._types import Floats, Longs
 
 _ROWS = 4096  # searched at a time
 _MOST_CELLS = 4  # a point: where points are far apart in a wide body, cells are widened
@@ -44,7 +44,17 @@ def pairs(x: Floats, reach: float) -> Iterator[tuple[Longs, Longs, Floats]]:
 
 @compiled
 def _rows(
-    x: Any, cell: Any, shape: Any, order: Any, start: Any, first: int, last: int, reach: float, count: Any, far: Any, r: Any
+    x: Any,
+    cell: Any,
+    shape: Any,
+    order: Any,
+    start: Any,
+    first: int,
+    last: int,
+    reach: float,
+    count: Any,
+    far: Any,
+    r: Any,
 ) -> int:
     """Neighbours of some points, sorted, and their distances; return how many there are, or would be with room."""
     found, limit = 0, reach * reach

@@ -55,14 +55,16 @@ def element_volumes(mesh: Mesh) -> Floats:
 
 def _determinant(columns: list[Floats]) -> Floats:
     """Determinants of many matrices, given as columns (dim, n): written out, a third of the time of a library's."""
+    out: Floats
     if len(columns) == 1:
-        first: Floats = columns[0][0]
-        return first
-    if len(columns) == 2:
+        out = columns[0][0]
+    elif len(columns) == 2:
         (a, b), (c, d) = columns
-        return a * d - b * c
-    (a, b, c), (d, e, f), (g, h, i) = columns
-    return a * (e * i - f * h) + d * (h * c - i * b) + g * (b * f - c * e)
+        out = a * d - b * c
+    else:
+        (a, b, c), (d, e, f), (g, h, i) = columns
+        out = a * (e * i - f * h) + d * (h * c - i * b) + g * (b * f - c * e)
+    return out
 
 
 def vertex_volumes(mesh: Mesh) -> Floats:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from .._compile import compiled, is_compiled, on_arrays
+from .._compile import on_arrays, scalar
 from .._types import Floats
 
 
@@ -261,7 +261,7 @@ class Scalars:
     @cached_property
     def compiled(self) -> tuple[Any, Any]:
         """f and f' as numba has compiled them."""
-        f, df, _ = (one if is_compiled(one) else compiled(one, keep=False) for one in self._functions)
+        f, df, _ = (scalar(one) for one in self._functions)
         return f, df
 
     @cached_property

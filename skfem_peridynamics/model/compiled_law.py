@@ -43,7 +43,7 @@ class Law:
 
 @cache
 def _unkept(made: Any) -> Callable[..., Any]:
-    return compiled(made.py_func, keep=False)  # type: ignore[no-any-return]
+    return compiled(made.py_func, keep=False)
 
 
 def linear(block: Block) -> Law:

@@ -12,14 +12,15 @@ from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator
 from .._types import Csr, Floats
 from ..geometry.simplices import element_volumes
 from ..material.influence import as_influence
+from ..model.kernels import Block
 from ..model.peridynamics import Peridynamics
 from .mass_solver import Lumped, MassSolver, mass_solver
 
 _DENSE = 128  # unknowns up to which the whole spectrum is computed
 # Lanczos from one random vector can settle on a neighbour of the largest eigenvalue with a small residual. In a space
 # of 20 vectors it was 0.11 % low at worst over tests/test_cfl.py's meshes and four starts each, and 1.4 % in one of
-# 5,600 random bodies; in one of 40 that body's is found. The margin is four times the 0.11 %.
-_KRYLOV = 40
+# 5,600 random bodies; in one of 37 that body's is found. The margin is four times the 0.11 %.
+_KRYLOV = 37  # 39 products in all, once in fifty bodies 58
 _MISSED = 5e-3
 
 
@@ -86,13 +87,18 @@ def nodal_bounds(body: Peridynamics, m: Floats) -> tuple[float, float]:
     """
     samples, dim = body.bonds.samples, body.bonds.dim
     A = np.zeros((samples.nsamples, dim * dim))
-    for block in body.blocks:
+
+    def hung(block: Block) -> Floats:
         p = block.directions()
         weight = 2.0 * block.law.slope * block.k
         C = block.incidence(1.0)
         if not body.symmetric:
             C, weight = _only_x(C), 2.0 * weight
-        A[block.window] += C.T @ (weight[:, None] * np.einsum("na,nb->nab", p, p).reshape(len(p), -1))
+        what: Floats = C.T @ (weight[:, None] * np.einsum("na,nb->nab", p, p).reshape(len(p), -1))
+        return what
+
+    for block, part in zip(body.blocks, body.team.map(hung, body.blocks), strict=True):
+        A[block.window] += part
     held = samples.spread(A).reshape(-1, dim, dim)
     scale = 1.0 / np.sqrt(m.reshape(-1, dim))
     held = held * scale[:, :, None] * scale[:, None, :]
@@ -162,7 +168,7 @@ def stable_time_step(body: Peridynamics, M: sparse.spmatrix, *, tolerance: float
     its value at rest, so the limit serves the whole nonlinear run.
 
     ``M`` is the lumped or the consistent mass of the scheme; ``tolerance`` is relative, for the eigenvalue; the
-    default costs about 40 products, and with the margin 0.5 % of the step at most.
+    default costs 39 products as a rule, and with the margin 0.5 % of the step at most.
 
     >>> import skfem
     >>> from skfem_peridynamics import BondBasis, Linear, mass_matrix
