@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from .._compile import compiled
-from .law_loops import BATCH, R2, ROWS, XI, C, K, Q, S, bend, stored
+from .law_loops import BATCH, R2, ROOM, XI, YI, ZI, C, K, Q, S, bend, stored
 
 
 @compiled
@@ -67,14 +67,14 @@ def _gather(
                 t = e0 * (E[at, 1] + E[at, 2] * a - u0)
             elif dim == 2:
                 b = x1 + r * e1 - E[at, 1]
-                W[m + (XI + BATCH)] = b
+                W[m + YI] = b
                 t = e0 * (E[at, 2] + (E[at, 4] * a + E[at, 5] * b) - u0)
                 t += e1 * (E[at, 3] + (E[at, 6] * a + E[at, 7] * b) - u1)
             else:
                 b = x1 + r * e1 - E[at, 1]
                 c = x2 + r * e2 - E[at, 2]
-                W[m + (XI + BATCH)] = b
-                W[m + (XI + 2 * BATCH)] = c
+                W[m + YI] = b
+                W[m + ZI] = c
                 t = e0 * (E[at, 3] + (E[at, 6] * a + E[at, 7] * b + E[at, 8] * c) - u0)
                 t += e1 * (E[at, 4] + (E[at, 9] * a + E[at, 10] * b + E[at, 11] * c) - u1)
                 t += e2 * (E[at, 5] + (E[at, 12] * a + E[at, 13] * b + E[at, 14] * c) - u2)
@@ -115,14 +115,14 @@ def _scatter(
                 if dim == 1:
                     M[at, 1] -= a * X
                 elif dim == 2:
-                    b, Y = g * e1, W[m + (XI + BATCH)]
+                    b, Y = g * e1, W[m + YI]
                     M[at, 1] -= b
                     M[at, 2] -= a * X
                     M[at, 3] -= a * Y
                     M[at, 4] -= b * X
                     M[at, 5] -= b * Y
                 else:
-                    b, c, Y, Z = g * e1, g * e2, W[m + (XI + BATCH)], W[m + (XI + 2 * BATCH)]
+                    b, c, Y, Z = g * e1, g * e2, W[m + YI], W[m + ZI]
                     M[at, 1] -= b
                     M[at, 2] -= c
                     M[at, 3] -= a * X
@@ -183,7 +183,7 @@ def force(
     M: Any,
 ) -> None:
     """Add the forces of the bonds to the element sums M."""
-    W = np.empty(ROWS * BATCH)
+    W = np.empty(ROOM)
     ndir, nrad = element.shape[1], element.shape[2]
     rays = max(1, BATCH // nrad)
     for row in range(len(own)):
@@ -215,7 +215,7 @@ def energy(
     law: Any,
 ) -> float:
     """Return the energy of the bonds."""
-    W = np.empty(ROWS * BATCH)
+    W = np.empty(ROOM)
     ndir, nrad = element.shape[1], element.shape[2]
     rays = max(1, BATCH // nrad)
     total = 0.0
@@ -234,7 +234,7 @@ def strains(
     axes: Any, x: Any, own: Any, reach: Any, element: Any, horizon: float, way: Any, node: Any, E: Any, T: Any
 ) -> None:
     """Write the scaled strains ``T = t / sqrt(r)`` of the bonds."""
-    W = np.empty(ROWS * BATCH)
+    W = np.empty(ROOM)
     ndir, nrad = element.shape[1], element.shape[2]
     rays = max(1, BATCH // nrad)
     for row in range(len(own)):
@@ -262,7 +262,7 @@ def product(
     M: Any,
 ) -> None:
     """Take ``X^T diag(weight) B u`` off the element sums M, B the map from displacements to scaled strains."""
-    W = np.empty(ROWS * BATCH)
+    W = np.empty(ROOM)
     ndir, nrad = element.shape[1], element.shape[2]
     rays = max(1, BATCH // nrad)
     for row in range(len(own)):

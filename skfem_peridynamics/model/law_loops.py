@@ -21,8 +21,9 @@ BATCH = 512  # bonds
 # A batch lives in one array, a row after the other: with distances that the compiler knows it need not ask at run time
 # whether rows overlap, and vectorises. Rows: bond vectors, s = xi.(u_y - u_x), r^2, a spare one, measures k,
 # c = s / r^3, q = s c.
-XI, S, R2, REST, K, C, Q = (row * BATCH for row in (0, 3, 4, 5, 6, 7, 8))
-ROWS = 9
+_ROW = BATCH + 24  # not a power of two: rows a page apart would share their places in the cache
+XI, YI, ZI, S, R2, REST, K, C, Q = (row * _ROW for row in range(9))
+ROOM = 9 * _ROW
 
 # exp(r) on |r| <= 0.3466: interpolation in the 12 Chebyshev nodes, off by 3e-18
 C0, C1, C2, C3 = 1.0, 1.0, 0.5000000000000019, 0.1666666666666668

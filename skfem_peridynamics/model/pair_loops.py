@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .._compile import compiled
-from .law_loops import BATCH, R2, REST, ROWS, XI, C, K, Q, S, bend, inverse_root, multiplied, stored
+from .law_loops import BATCH, R2, REST, ROOM, XI, YI, ZI, C, K, Q, S, bend, inverse_root, multiplied, stored
 
 
 @compiled
@@ -34,12 +34,12 @@ def _gather(axes: Any, J: Any, n: int, i: int, P: Any, given: Any, W: Any) -> No
             d = P[j, 1] - y0
             along += d * (P[j, dim + 2] - v0)
             length += d * d
-            W[m + (XI + BATCH)] = d
+            W[m + YI] = d
         if dim > 2:
             d = P[j, 2] - z0
             along += d * (P[j, dim + 3] - w0)
             length += d * d
-            W[m + (XI + 2 * BATCH)] = d
+            W[m + ZI] = d
         W[m + S] = along
         W[m + R2] = length
         if given is None:
@@ -91,9 +91,9 @@ def _take_off(axes: Any, J: Any, n: int, W: Any, X: Any, Y: Any, Z: Any) -> None
         j = np.uint32(J[m])
         X[j] -= W[m + XI]
         if len(axes) > 1:
-            Y[j] -= W[m + (XI + BATCH)]
+            Y[j] -= W[m + YI]
         if len(axes) > 2:
-            Z[j] -= W[m + (XI + 2 * BATCH)]
+            Z[j] -= W[m + ZI]
 
 
 @compiled
@@ -102,9 +102,9 @@ def _scatter(axes: Any, J: Any, n: int, i: int, W: Any, F: Any) -> None:
     X, Y, Z = F
     X[i] += multiplied(W, XI, n)
     if len(axes) > 1:
-        Y[i] += multiplied(W, XI + BATCH, n)
+        Y[i] += multiplied(W, YI, n)
     if len(axes) > 2:
-        Z[i] += multiplied(W, XI + 2 * BATCH, n)
+        Z[i] += multiplied(W, ZI, n)
     _take_off(axes, J, n, W, X, Y, Z)
 
 
@@ -125,7 +125,7 @@ def force(
     F: Any,
 ) -> None:
     """Add the forces of the bonds to F, three rows (of which the last are not used in 1D and 2D)."""
-    W = np.empty(ROWS * BATCH)
+    W = np.empty(ROOM)
     for row in range(len(start) - 1):
         i = first + row
         for low in range(start[row], start[row + 1], BATCH):
@@ -152,7 +152,7 @@ def energy(
     own: Any,
 ) -> float:
     """Return the energy of the bonds."""
-    W = np.empty(ROWS * BATCH)
+    W = np.empty(ROOM)
     total = 0.0
     for row in range(len(start) - 1):
         for low in range(start[row], start[row + 1], BATCH):
@@ -165,7 +165,7 @@ def energy(
 @compiled
 def strains(axes: Any, start: Any, far: Any, first: int, P: Any, T: Any) -> None:
     """Write the scaled strains ``T = s / r^(3/2)`` of the bonds."""
-    W = np.empty(ROWS * BATCH)
+    W = np.empty(ROOM)
     for row in range(len(start) - 1):
         for low in range(start[row], start[row + 1], BATCH):
             n = min(BATCH, start[row + 1] - low)
@@ -178,7 +178,7 @@ def strains(axes: Any, start: Any, far: Any, first: int, P: Any, T: Any) -> None
 @compiled
 def product(axes: Any, start: Any, far: Any, first: int, P: Any, weight: Any, F: Any) -> None:
     """Take ``B^T diag(weight) B u`` off F, B the map from displacements to scaled strains."""
-    W = np.empty(ROWS * BATCH)
+    W = np.empty(ROOM)
     for row in range(len(start) - 1):
         for low in range(start[row], start[row + 1], BATCH):
             n = min(BATCH, start[row + 1] - low)
