@@ -130,6 +130,7 @@ def bits(body):
 def test_bits_do_not_depend_on_threads(rule, monkeypatch):
     monkeypatch.setattr("skfem_peridynamics.bonds.parts.BLOCK", 3000)
     monkeypatch.setattr("skfem_peridynamics.model.schedule._LEAST", 700)
+    monkeypatch.setattr("skfem_peridynamics.model.ball_tasks._ELEMENTS", 60)
     monkeypatch.setattr("skfem_peridynamics.model.pair_tasks._SAMPLES", 60)
     bodies = [body_on(grid((1, 20), (1, 20)), 0.2, Exponential(1.0, 1.0), rule=rule, threads=n) for n in (1, 2, 3, 7)]
     assert len(bodies[0].engine.schedule.tasks) > 8

@@ -1,11 +1,11 @@
 """Compiled loops over ball bonds, a site at a time: its rays, their nodes, and the elements these lie in.
 
-An element has a row of a table, whole lines of the cache: its first corner, the gradients of the other barycentric
-coordinates, and (in ``ids``, the same memory read as integers) the numbers of its corners. Displacements and forces
-are rows of small tables of vertices, which stay in cache whatever the number of bonds. With ``t = e.(u_y - u_x)`` a
-bond has ``c = t / r`` and ``q = t c``. ``axes`` is a tuple as long as the dimension.
+A P1 field is affine in an element, ``u0 + G (y - corner)``: a table with rows ``corner, u0, G`` is made once for all
+bonds, and both ends of a bond are read from it, the site from the element that holds it. Forces go back the same way:
+an element sums forces and their moments about its corner, and hands them to its vertices at the end. With
+``t = e.(u_y - u_x)`` a bond has ``c = t / r`` and ``q = t c``. ``axes`` is a tuple as long as the dimension.
 
-All loops share some arguments: points x (nsites, 3) and ``own`` element of the sites, ``reach`` (nsites, ndir),
+All loops share some arguments: points (nsites, 3) and ``own`` element of the sites, ``reach`` (nsites, ndir),
 ``element`` (nsites, ndir, nrad), and of the fan ``way`` (ndir, 3), unit vectors, and ``node`` (2, 2, nrad), distances
 as fractions of the reach and their inverses, on rays of full length and on rays cut short.
 """
@@ -18,50 +18,6 @@ import numpy as np
 
 from .._compile import compiled
 from .law_loops import BATCH, R2, ROOM, XI, YI, ZI, C, K, Q, S, bend, stored
-
-IDS = (0, 4, 12, 24)  # where the corners start among the integers of a row, by dimension
-
-
-@compiled
-def _place(axes: Any, a: float, b: float, c: float, E: Any, at: int) -> tuple[float, float, float]:
-    """Barycentric coordinates 1, 2, 3 of a point in an element."""
-    if len(axes) == 1:
-        return (a - E[at, 0]) * E[at, 1], 0.0, 0.0
-    if len(axes) == 2:
-        a, b = a - E[at, 0], b - E[at, 1]
-        return E[at, 2] * a + E[at, 3] * b, E[at, 4] * a + E[at, 5] * b, 0.0
-    a, b, c = a - E[at, 0], b - E[at, 1], c - E[at, 2]
-    return (
-        E[at, 3] * a + E[at, 4] * b + E[at, 5] * c,
-        E[at, 6] * a + E[at, 7] * b + E[at, 8] * c,
-        E[at, 9] * a + E[at, 10] * b + E[at, 11] * c,
-    )
-
-
-@compiled
-def _along(axes: Any, u: Any, v: int, e0: float, e1: float, e2: float) -> float:
-    """``e.u`` at a vertex."""
-    t = e0 * u[v, 0]
-    if len(axes) > 1:
-        t += e1 * u[v, 1]
-    if len(axes) > 2:
-        t += e2 * u[v, 2]
-    return t
-
-
-@compiled
-def _between(
-    axes: Any, u: Any, ids: Any, at: int, p: float, q: float, r: float, e0: float, e1: float, e2: float
-) -> float:
-    """``e.u`` at a point of an element, from differences: exactly that of a corner where all corners move alike."""
-    first = IDS[len(axes)]
-    t0 = _along(axes, u, np.uint32(ids[at, first]), e0, e1, e2)
-    t = t0 + p * (_along(axes, u, np.uint32(ids[at, first + 1]), e0, e1, e2) - t0)
-    if len(axes) > 1:
-        t += q * (_along(axes, u, np.uint32(ids[at, first + 2]), e0, e1, e2) - t0)
-    if len(axes) > 2:
-        t += r * (_along(axes, u, np.uint32(ids[at, first + 3]), e0, e1, e2) - t0)
-    return t
 
 
 @compiled
@@ -76,35 +32,54 @@ def _gather(
     way: Any,
     node: Any,
     E: Any,
-    ids: Any,
-    u: Any,
     ray: int,
     end: int,
     W: Any,
 ) -> None:
-    """Barycentric coordinates of y, ``t = e.(u_y - u_x)`` and ``1 / r`` (0 on a ray that left at once)."""
-    nrad = element.shape[2]
+    """``y - corner`` of the bonds on some rays, ``t = e.(u_y - u_x)`` and ``1 / r`` (0 on a ray that left at once)."""
+    dim, nrad = len(axes), element.shape[2]
     x0, x1, x2 = x[row, 0], x[row, 1], x[row, 2]
-    home = np.uint32(own[row])
-    p0, q0, r0 = _place(axes, x0, x1, x2, E, home)
+    u0, u1, u2 = 0.0, 0.0, 0.0
+    at = np.uint32(own[row])
+    if dim == 1:
+        u0 = E[at, 1] + E[at, 2] * (x0 - E[at, 0])
+    elif dim == 2:
+        a, b = x0 - E[at, 0], x1 - E[at, 1]
+        u0 = E[at, 2] + (E[at, 4] * a + E[at, 5] * b)
+        u1 = E[at, 3] + (E[at, 6] * a + E[at, 7] * b)
+    else:
+        a, b, c = x0 - E[at, 0], x1 - E[at, 1], x2 - E[at, 2]
+        u0 = E[at, 3] + (E[at, 6] * a + E[at, 7] * b + E[at, 8] * c)
+        u1 = E[at, 4] + (E[at, 9] * a + E[at, 10] * b + E[at, 11] * c)
+        u2 = E[at, 5] + (E[at, 12] * a + E[at, 13] * b + E[at, 14] * c)
     m = 0
     for d in range(ray, end):
         length = reach[row, d]
         cut = 1 if length < horizon else 0
         inverse = 0.0 if length == 0.0 else 1.0 / length
         e0, e1, e2 = way[d, 0], way[d, 1], way[d, 2]
-        here = _between(axes, u, ids, home, p0, q0, r0, e0, e1, e2)
-        for k in range(nrad):
-            at = np.uint32(element[row, d, k])
-            s = length * node[0, cut, k]
-            p, q, r = _place(axes, x0 + s * e0, x1 + s * e1, x2 + s * e2, E, at)
-            W[m + S] = _between(axes, u, ids, at, p, q, r, e0, e1, e2) - here
-            W[m + XI] = p
-            if len(axes) > 1:
-                W[m + YI] = q
-            if len(axes) > 2:
-                W[m + ZI] = r
-            W[m + R2] = inverse * node[1, cut, k]
+        for p in range(nrad):
+            at = np.uint32(element[row, d, p])
+            r = length * node[0, cut, p]
+            a = x0 + r * e0 - E[at, 0]
+            W[m + XI] = a
+            if dim == 1:
+                t = e0 * (E[at, 1] + E[at, 2] * a - u0)
+            elif dim == 2:
+                b = x1 + r * e1 - E[at, 1]
+                W[m + YI] = b
+                t = e0 * (E[at, 2] + (E[at, 4] * a + E[at, 5] * b) - u0)
+                t += e1 * (E[at, 3] + (E[at, 6] * a + E[at, 7] * b) - u1)
+            else:
+                b = x1 + r * e1 - E[at, 1]
+                c = x2 + r * e2 - E[at, 2]
+                W[m + YI] = b
+                W[m + ZI] = c
+                t = e0 * (E[at, 3] + (E[at, 6] * a + E[at, 7] * b + E[at, 8] * c) - u0)
+                t += e1 * (E[at, 4] + (E[at, 9] * a + E[at, 10] * b + E[at, 11] * c) - u1)
+                t += e2 * (E[at, 5] + (E[at, 12] * a + E[at, 13] * b + E[at, 14] * c) - u2)
+            W[m + S] = t
+            W[m + R2] = inverse * node[1, cut, p]
             m += 1
 
 
@@ -120,71 +95,71 @@ def _pull(n: int, given: Any, at: int, scale: float, W: Any) -> None:
 
 
 @compiled
-def _hand(axes: Any, F: Any, v: int, g: float, e0: float, e1: float, e2: float) -> None:
-    """Take ``g e`` off a vertex."""
-    F[v, 0] -= g * e0
-    if len(axes) > 1:
-        F[v, 1] -= g * e1
-    if len(axes) > 2:
-        F[v, 2] -= g * e2
-
-
-@compiled
-def _hand_out(
-    axes: Any, F: Any, ids: Any, at: int, g: float, p: float, q: float, r: float, e0: float, e1: float, e2: float
-) -> None:
-    """Take ``g e`` at a point of an element off its corners."""
-    first = IDS[len(axes)]
-    g1, g2, g3 = g * p, g * q, g * r
-    g0 = g - g1
-    if len(axes) > 1:
-        g0 -= g2
-    if len(axes) > 2:
-        g0 -= g3
-    _hand(axes, F, np.uint32(ids[at, first]), g0, e0, e1, e2)
-    _hand(axes, F, np.uint32(ids[at, first + 1]), g1, e0, e1, e2)
-    if len(axes) > 1:
-        _hand(axes, F, np.uint32(ids[at, first + 2]), g2, e0, e1, e2)
-    if len(axes) > 2:
-        _hand(axes, F, np.uint32(ids[at, first + 3]), g3, e0, e1, e2)
-
-
-@compiled
 def _scatter(
-    axes: Any,
-    row: int,
-    x: Any,
-    own: Any,
-    element: Any,
-    way: Any,
-    ray: int,
-    end: int,
-    both: bool,
-    E: Any,
-    ids: Any,
-    W: Any,
-    F: Any,
+    axes: Any, row: int, x: Any, own: Any, element: Any, way: Any, ray: int, end: int, both: bool, W: Any, M: Any
 ) -> None:
-    """Add ``k e`` at the site; take it off the far end, where it acts on both."""
-    nrad = element.shape[2]
+    """Add ``k e`` at the site; take it and its moment off the far element, where it acts on both."""
+    dim, nrad = len(axes), element.shape[2]
     fx, fy, fz = 0.0, 0.0, 0.0
     m = 0
     for d in range(ray, end):
         e0, e1, e2 = way[d, 0], way[d, 1], way[d, 2]
         whole = 0.0
-        for k in range(nrad):
+        for p in range(nrad):
             g = W[m + K]
             whole += g
             if both:
-                at = np.uint32(element[row, d, k])
-                _hand_out(axes, F, ids, at, g, W[m + XI], W[m + YI], W[m + ZI], e0, e1, e2)
+                at = np.uint32(element[row, d, p])
+                a, X = g * e0, W[m + XI]
+                M[at, 0] -= a
+                if dim == 1:
+                    M[at, 1] -= a * X
+                elif dim == 2:
+                    b, Y = g * e1, W[m + YI]
+                    M[at, 1] -= b
+                    M[at, 2] -= a * X
+                    M[at, 3] -= a * Y
+                    M[at, 4] -= b * X
+                    M[at, 5] -= b * Y
+                else:
+                    b, c, Y, Z = g * e1, g * e2, W[m + YI], W[m + ZI]
+                    M[at, 1] -= b
+                    M[at, 2] -= c
+                    M[at, 3] -= a * X
+                    M[at, 4] -= a * Y
+                    M[at, 5] -= a * Z
+                    M[at, 6] -= b * X
+                    M[at, 7] -= b * Y
+                    M[at, 8] -= b * Z
+                    M[at, 9] -= c * X
+                    M[at, 10] -= c * Y
+                    M[at, 11] -= c * Z
             m += 1
         fx += whole * e0
         fy += whole * e1
         fz += whole * e2
-    home, times = np.uint32(own[row]), -1.0 if both else -2.0
-    p, q, r = _place(axes, x[row, 0], x[row, 1], x[row, 2], E, home)
-    _hand_out(axes, F, ids, home, times, p, q, r, fx, fy, fz)
+    if not both:
+        fx, fy, fz = 2.0 * fx, 2.0 * fy, 2.0 * fz
+    _add(axes, x, own, row, fx, fy, fz, M)
+
+
+@compiled
+def _add(axes: Any, x: Any, own: Any, row: int, fx: float, fy: float, fz: float, M: Any) -> None:
+    """Add a force at a site to the element that holds it; columns 0..2 of x are the site, 3..5 that corner."""
+    dim = len(axes)
+    at = own[row]
+    M[at, 0] += fx
+    for b in range(dim):
+        away = x[row, b] - x[row, 3 + b]
+        M[at, dim + b] += fx * away
+        if dim > 1:
+            M[at, 2 * dim + b] += fy * away
+        if dim > 2:
+            M[at, 3 * dim + b] += fz * away
+    if dim > 1:
+        M[at, 1] += fy
+    if dim > 2:
+        M[at, 2] += fz
 
 
 @compiled
@@ -198,8 +173,6 @@ def force(
     way: Any,
     node: Any,
     E: Any,
-    ids: Any,
-    u: Any,
     given: Any,
     scale: float,
     kind: int,
@@ -207,9 +180,9 @@ def force(
     b: float,
     law: Any,
     both: bool,
-    F: Any,
+    M: Any,
 ) -> None:
-    """Add the forces of the bonds to F."""
+    """Add the forces of the bonds to the element sums M."""
     W = np.empty(ROOM)
     ndir, nrad = element.shape[1], element.shape[2]
     rays = max(1, BATCH // nrad)
@@ -217,10 +190,10 @@ def force(
         for ray in range(0, ndir, rays):
             end = min(ndir, ray + rays)
             n = (end - ray) * nrad
-            _gather(axes, row, x, own, reach, element, horizon, way, node, E, ids, u, ray, end, W)
+            _gather(axes, row, x, own, reach, element, horizon, way, node, E, ray, end, W)
             _pull(n, given, (row * ndir + ray) * nrad, scale, W)
             bend(kind, slope, b, law, W, n)
-            _scatter(axes, row, x, own, element, way, ray, end, both, E, ids, W, F)
+            _scatter(axes, row, x, own, element, way, ray, end, both, W, M)
 
 
 @compiled
@@ -234,8 +207,6 @@ def energy(
     way: Any,
     node: Any,
     E: Any,
-    ids: Any,
-    u: Any,
     given: Any,
     scale: float,
     kind: int,
@@ -252,7 +223,7 @@ def energy(
         for ray in range(0, ndir, rays):
             end = min(ndir, ray + rays)
             n = (end - ray) * nrad
-            _gather(axes, row, x, own, reach, element, horizon, way, node, E, ids, u, ray, end, W)
+            _gather(axes, row, x, own, reach, element, horizon, way, node, E, ray, end, W)
             _pull(n, given, (row * ndir + ray) * nrad, scale, W)
             total += stored(kind, slope, b, law, W, n)
     return total
@@ -260,18 +231,7 @@ def energy(
 
 @compiled
 def strains(
-    axes: Any,
-    x: Any,
-    own: Any,
-    reach: Any,
-    element: Any,
-    horizon: float,
-    way: Any,
-    node: Any,
-    E: Any,
-    ids: Any,
-    u: Any,
-    T: Any,
+    axes: Any, x: Any, own: Any, reach: Any, element: Any, horizon: float, way: Any, node: Any, E: Any, T: Any
 ) -> None:
     """Write the scaled strains ``T = t / sqrt(r)`` of the bonds."""
     W = np.empty(ROOM)
@@ -281,7 +241,7 @@ def strains(
         for ray in range(0, ndir, rays):
             end = min(ndir, ray + rays)
             at = (row * ndir + ray) * nrad
-            _gather(axes, row, x, own, reach, element, horizon, way, node, E, ids, u, ray, end, W)
+            _gather(axes, row, x, own, reach, element, horizon, way, node, E, ray, end, W)
             for m in range((end - ray) * nrad):
                 T[at + m] = W[m + S] * np.sqrt(W[m + R2])
 
@@ -297,13 +257,11 @@ def product(
     way: Any,
     node: Any,
     E: Any,
-    ids: Any,
-    u: Any,
     weight: Any,
     both: bool,
-    F: Any,
+    M: Any,
 ) -> None:
-    """Take ``X^T diag(weight) B u`` off F, B the map from displacements to scaled strains."""
+    """Take ``X^T diag(weight) B u`` off the element sums M, B the map from displacements to scaled strains."""
     W = np.empty(ROOM)
     ndir, nrad = element.shape[1], element.shape[2]
     rays = max(1, BATCH // nrad)
@@ -311,8 +269,43 @@ def product(
         for ray in range(0, ndir, rays):
             end = min(ndir, ray + rays)
             n = (end - ray) * nrad
-            _gather(axes, row, x, own, reach, element, horizon, way, node, E, ids, u, ray, end, W)
+            _gather(axes, row, x, own, reach, element, horizon, way, node, E, ray, end, W)
             _pull(n, weight, (row * ndir + ray) * nrad, 1.0, W)
             for m in range(n):
                 W[m + K] *= W[m + C]
-            _scatter(axes, row, x, own, element, way, ray, end, both, E, ids, W, F)
+            _scatter(axes, row, x, own, element, way, ray, end, both, W, M)
+
+
+@compiled
+def tabulate(axes: Any, corners: Any, gradient: Any, u: Any, low: int, high: int, E: Any) -> None:
+    """Fill in u0 and G of some elements from nodal values; ``gradient`` is that of the barycentric coordinates."""
+    dim = len(axes)
+    for e in range(low, high):
+        base = corners[0, e]
+        for a in range(dim):
+            u0 = u[base, a]
+            E[e, dim + a] = u0
+            for b in range(dim):
+                slope = 0.0
+                for k in range(1, dim + 1):
+                    slope += (u[corners[k, e], a] - u0) * gradient[e, k, b]
+                E[e, 2 * dim + a * dim + b] = slope
+
+
+@compiled
+def hand_over(axes: Any, corners: Any, gradient: Any, M: Any, low: int, high: int, F: Any) -> None:
+    """Add what some elements have summed to nodal forces, by P1 values at their corners; empty the sums."""
+    dim = len(axes)
+    for e in range(low, high):
+        for a in range(dim):
+            rest = M[e, a]
+            M[e, a] = 0.0
+            for k in range(1, dim + 1):
+                part = 0.0
+                for b in range(dim):
+                    part += M[e, dim + a * dim + b] * gradient[e, k, b]
+                F[corners[k, e], a] += part
+                rest -= part
+            for b in range(dim):
+                M[e, dim + a * dim + b] = 0.0
+            F[corners[0, e], a] += rest

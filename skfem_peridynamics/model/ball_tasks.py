@@ -14,19 +14,20 @@ from .._types import Floats, Ints, Longs
 from ..bonds.bond_basis import BondBasis
 from ..bonds.parts import BallPart
 from . import ball_loops
-from .ball_loops import IDS
 from .compiled_law import Law, law_of, secant
 from .kernels import Block, Team
 from .pair_tasks import aligned
 from .schedule import Schedule, marked, piece
 
+_ELEMENTS = 1 << 12  # of a task that tabulates or hands over
+
 
 @dataclass(frozen=True, eq=False)
 class BallDesk:
-    """Arrays of one call, nodal: the displacement and what the tasks add, (nvertices, dim)."""
+    """Working arrays of one call: the table of elements, their sums (at zero between calls)."""
 
-    u: Floats
-    F: Floats
+    E: Floats
+    M: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,7 @@ class BallTask:
     def _bonds(self, desk: BallDesk) -> tuple[Any, ...]:
         field = self.field
         rays = self.own, self.reach, self.element, field.fan.horizon, field.way, field.node
-        return ((0,) * field.bonds.dim, self.x, *rays, field.table, field.table.view(np.int32), desk.u)
+        return ((0,) * field.bonds.dim, self.x, *rays, desk.E)
 
     def strains(self, desk: BallDesk) -> Floats:
         """Return the scaled strains of the bonds."""
@@ -84,7 +85,7 @@ class BallTask:
         if law is None:
             self._take(desk, secant(self.block, self.strains(desk), self.bonds))
         else:
-            loop, sums = law.loop(ball_loops.force), (self.block.symmetric, desk.F)
+            loop, sums = law.loop(ball_loops.force), (self.block.symmetric, desk.M)
             loop(*self._bonds(desk), self.given, self.scale, *law.gradient, *sums)
 
     def take_product(self, desk: BallDesk, weight: Floats) -> None:
@@ -96,7 +97,7 @@ class BallTask:
             whole = np.zeros(self.element.size)
             whole[self.chosen] = weight
             weight = whole
-        ball_loops.product(*self._bonds(desk), weight, self.block.symmetric, desk.F)
+        ball_loops.product(*self._bonds(desk), weight, self.block.symmetric, desk.M)
 
 
 class BallField:
@@ -129,44 +130,50 @@ class BallField:
         at_vertex = own < 0
         own[at_vertex] = tracer.any_element(samples.vertices[site[at_vertex], 0])
         dim = bonds.dim
-        x = np.zeros((len(site), 3))
-        x[:, :dim] = samples.points[site]
+        x = np.zeros((len(site), 6))
+        x[:, :dim], x[:, 3 : 3 + dim] = samples.points[site], tracer.base[own]
         whole = slice(0, element.size if chosen is None else len(chosen))
         holds = own.astype(np.int32)
         return BallTask(self, block, law_of(block.law), x, holds, reach, element, given, scale, chosen, whole)
 
     @cached_property
-    def table(self) -> Floats:
-        """A row of whole cache lines for each element, as the loops want it."""
-        mesh, tracer, dim = self.bonds.mesh, self.fan.tracer, self.bonds.dim
-        rows = aligned(int(mesh.nelements), {1: 4, 2: 8, 3: 16}[dim])
-        rows[:, :dim] = tracer.base
-        rows[:, dim : dim + dim * dim] = tracer.gradient[:, 1:].reshape(-1, dim * dim)
-        rows.view(np.int32)[:, IDS[dim] : IDS[dim] + dim + 1] = mesh.t.T
-        return rows
+    def _pieces(self) -> list[tuple[int, int]]:
+        """Elements in runs."""
+        count = int(self.bonds.mesh.nelements)
+        return [(low, min(count, low + _ELEMENTS)) for low in range(0, count, _ELEMENTS)]
+
+    @cached_property
+    def _handing(self) -> Schedule:
+        """The runs of elements in a fixed order of the vertices that they add to."""
+        mesh = self.bonds.mesh
+        marks = [marked(mesh.t[:, low:high].ravel(), int(mesh.nvertices)) for low, high in self._pieces]
+        return Schedule.of(self._pieces, marks)
 
     def schedule(self) -> Schedule:
         """Return the tasks, split to keep all threads busy, in a fixed order of what they add to."""
-        most, mesh = piece(self.bonds.nbonds), self.bonds.mesh
+        most = piece(self.bonds.nbonds)
         pieces = [some for task in self.tasks for some in task.split(most)]
-        held = marked(np.empty(0, dtype=np.int64), int(mesh.nelements))
-        marks = []
-        for some in pieces:
-            held[:] = False
-            held[some.element.ravel()] = held[some.own] = True
-            marks.append(marked(mesh.t[:, held].ravel(), int(mesh.nvertices)))
-        return Schedule.of(pieces, marks)
+        size = int(self.bonds.mesh.nelements)
+        return Schedule.of(pieces, [marked(np.append(some.element, some.own), size) for some in pieces])
 
     def desk(self) -> BallDesk:
-        """Return arrays for a call."""
-        shape = int(self.bonds.mesh.nvertices), self.bonds.dim
-        return BallDesk(np.empty(shape), np.empty(shape))
+        """Return new working arrays."""
+        size, dim = int(self.bonds.mesh.nelements), self.bonds.dim
+        E = aligned(size, {1: 4, 2: 8, 3: 16}[dim])  # whole lines of the cache
+        E[:, :dim] = self.fan.tracer.base
+        return BallDesk(E, aligned(size, {1: 2, 2: 8, 3: 12}[dim]))
 
     def load(self, desk: BallDesk, u: Floats, team: Team) -> None:
-        """Take in a displacement."""
-        desk.u[:] = u.reshape(desk.u.shape)
-        desk.F.fill(0.0)
+        """Tabulate a displacement."""
+        dim = self.bonds.dim
+        fixed = (0,) * dim, self.bonds.mesh.t, self.fan.tracer.gradient, u.reshape(-1, dim)
+        for _ in team.map(lambda piece: ball_loops.tabulate(*fixed, *piece, desk.E), self._pieces):
+            pass
 
     def collect(self, desk: BallDesk, team: Team) -> Floats:
         """Return what the tasks have added, as nodal values."""
-        return desk.F.ravel().copy()
+        dim = self.bonds.dim
+        out = np.zeros((int(self.bonds.mesh.nvertices), dim))
+        fixed = (0,) * dim, self.bonds.mesh.t, self.fan.tracer.gradient, desk.M
+        self._handing.run(lambda piece: ball_loops.hand_over(*fixed, *piece, out), team)
+        return out.ravel()
