@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import combinations
 from math import factorial
 
 import numpy as np
 
 from .._types import Floats, Ints, Longs, Mesh
+
+_CHUNK = 1 << 16  # elements looked at together
 
 
 def check_simplices(mesh: Mesh) -> None:
@@ -48,9 +51,18 @@ def element_volumes(mesh: Mesh) -> Floats:
     >>> element_volumes(skfem.MeshTri()).tolist()
     [0.5, 0.5]
     """
-    base = mesh.p.take(mesh.t[0], axis=1)
-    volume: Floats = np.abs(_determinant([mesh.p.take(t, axis=1) - base for t in mesh.t[1:]])) / factorial(mesh.dim())
+    volume = np.empty(mesh.t.shape[1])
+    for some, corners in _in_chunks(mesh):
+        volume[some] = np.abs(_determinant([corner - corners[0] for corner in corners[1:]]))
+    volume /= factorial(mesh.dim())
     return volume
+
+
+def _in_chunks(mesh: Mesh) -> Iterator[tuple[slice, list[Floats]]]:
+    """Some elements at a time, and their corners (dim, n): what is made of them takes little memory."""
+    for start in range(0, mesh.t.shape[1], _CHUNK):
+        some = slice(start, start + _CHUNK)
+        yield some, [mesh.p.take(t, axis=1) for t in mesh.t[:, some]]
 
 
 def _determinant(columns: list[Floats]) -> Floats:
@@ -104,12 +116,12 @@ def longest_edge(mesh: Mesh) -> float:
     >>> round(longest_edge(skfem.MeshTri()), 12)
     1.414213562373
     """
-    corners = [mesh.p.take(t, axis=1) for t in mesh.t]
-    squares = []
-    for a, b in combinations(corners, 2):
-        edge = a - b
-        squares.append(float(np.einsum("dn,dn->n", edge, edge).max()))
-    return float(np.sqrt(max(squares)))
+    largest = 0.0
+    for _, corners in _in_chunks(mesh):
+        for a, b in combinations(corners, 2):
+            edge = a - b
+            largest = max(largest, float(np.einsum("dn,dn->n", edge, edge).max()))
+    return float(np.sqrt(largest))
 
 
 def outward_normals(mesh: Mesh, facets: Ints) -> tuple[Floats, Floats]:
