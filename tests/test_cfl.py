@@ -112,6 +112,22 @@ def test_gain_over_the_row_sum_of_other_codes():
         assert limit.dt / limit.steps()["row_sum"] > gain
 
 
+def test_forty_products_are_enough_and_cost_half_a_per_cent_at_most():
+    """Regular and irregular meshes too large for the whole spectrum by default, against that spectrum."""
+    found = []
+    for dim, n, ratios in ((2, 14, (1.5, 3.0, 6.0)), (3, 6, (1.5, 3.0))):
+        for kind in ("structured", "random"):
+            for ratio in ratios:
+                body = body_on(box(dim, n, kind), ratio * (1.5 if ratio < 2 else 1.0) / n)
+                M = mass_matrix(body.basis)
+                limit = stable_time_step(body, M)
+                found.append((limit.products, limit.dt * np.sqrt(true_limit(body, M)) / 2))
+    products, part = np.array(found).T
+    print(f"products {sorted(set(products))}, step over the true limit {part.min():.4f}..{part.max():.4f}")
+    assert products.max() <= 40
+    assert 0.995 <= part.min() <= part.max() <= 1.0
+
+
 def test_density_and_stiffness_scale_the_step():
     body, M = body_on(box(2, 6), 0.4, Linear(4.0)), None
     M = mass_matrix(body.basis)
