@@ -28,15 +28,15 @@ NO_BASIS = {"elements": np.array([0]), "intorder": 1}  # a basis that only numbe
 
 
 def in_turn(*things: Callable[[], Any], rounds: int = 9) -> list[float]:
-    """Median seconds of some calls that run in turn; each is warmed up first."""
-    for thing in things:
-        thing()
+    """Median seconds of some calls in turn: three of each a round, and one before them to warm caches and threads."""
     seconds: list[list[float]] = [[] for _ in things]
     for _ in range(rounds):
         for thing, row in zip(things, seconds, strict=True):
-            start = time.perf_counter()
             thing()
-            row.append(time.perf_counter() - start)
+            for _ in range(3):
+                start = time.perf_counter()
+                thing()
+                row.append(time.perf_counter() - start)
     return [float(np.median(row)) for row in seconds]
 
 
@@ -123,8 +123,9 @@ def pairs(lmp: str | None) -> None:
             same = np.array_equal(one.force(u), two.force(u)) and np.array_equal(
                 lean.force(u), lean.with_(threads=2).force(u)
             )
+            bonds = 2 * one.bonds.nbonds / mesh.nvertices
             print(
-                f"{one.bonds.rule.name}, {type(law).__name__}, {2 * one.bonds.nbonds / mesh.nvertices:.1f} bonds a point: "
+                f"{one.bonds.rule.name}, {type(law).__name__}, {bonds:.1f} bonds a point: "
                 f"{first * per:.2f} ns a directed bond, {less * per:.2f} with measures made on the way; "
                 f"two threads {first / second:.2f} times faster, same bits: {same}",
                 flush=True,
