@@ -178,12 +178,12 @@ class Problem:
 
     @property
     def expected_bytes(self) -> int:
-        """Memory of the run: bonds as listed and as blocks, the mesh, fields, and what the program itself takes."""
+        """Memory of the run: bonds as listed and computed with, mesh, fields, and what the program itself takes."""
         dim, nvertices, nelements = (int(x) for x in (self.mesh.dim(), self.mesh.nvertices, self.mesh.nelements))
         kind = BallPart if isinstance(self.rule, BallRule) else PairPart
         kept = 8 * self.expected_bonds if available() else matrix_bytes(self.expected_bonds, dim, kind)
         matrices = min(kept, MATRIX_MEMORY)
-        per_bond = 64 + (_BALANCING[dim] if self.form.balanced else 0)
+        per_bond = (24 if available() else 64) + (_BALANCING[dim] if self.form.balanced else 0)
         return (
             int(self.expected_bonds * per_bond + matrices) + 60 * 8 * dim * nvertices + 200 * dim * nelements + _PROGRAM
         )

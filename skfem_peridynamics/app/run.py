@@ -118,6 +118,7 @@ def run(
         "bonds": int(problem.bonds.nbonds),
         **_balance(problem),
         "blocks": blocks,
+        "kernels": "compiled" if problem.body.compiles else "sparse products",
         "dt": dt,
         "dt_limit": limit.steps(),
         "steps": steps,

@@ -96,7 +96,7 @@ class Peridynamics:
     @cached_property
     def blocks(self) -> list[Block]:
         """The bonds in computing form, those that can fail first."""
-        bonds, keep, store = self.bonds, self._fits and not self._compiles, self._fits or not self._compiles
+        bonds, keep, store = self.bonds, self._fits and not self.compiles, self._fits or not self.compiles
         if self.no_fail is None:
             return list(make_blocks(bonds, [(self.law, lambda part: None)], keep, store))
         marked = self._spared_samples
@@ -110,7 +110,7 @@ class Peridynamics:
     def _fits(self) -> bool:
         """Whether what the operators may keep, strain matrices or the measures of the bonds, fits the memory."""
         bonds = self.bonds
-        if self._compiles:
+        if self.compiles:
             return 8.0 * bonds.nbonds <= self.matrix_memory
         return sum(matrix_bytes(part.nbonds, bonds.dim, type(part)) for part in bonds.parts) <= self.matrix_memory
 
@@ -134,14 +134,15 @@ class Peridynamics:
     def engine(self) -> Engine:
         """What computes the operators: compiled loops where numba is installed, else SciPy's sparse products."""
         sparse_engine = SparseEngine(self.bonds, self.blocks, self.team)
-        if not self._compiles:
+        if not self.compiles:
             return sparse_engine
         from .compiled import CompiledEngine
 
         return CompiledEngine(sparse_engine)
 
     @property
-    def _compiles(self) -> bool:
+    def compiles(self) -> bool:
+        """Whether compiled loops compute the operators. Raises ``ValueError`` where they are asked for and cannot."""
         if self.compiled and not available():
             raise ValueError(
                 "compiled = True needs numba, and it is not installed: pip install 'skfem-peridynamics[fast]'"

@@ -120,7 +120,7 @@ def _steps(
         if b is not None:
             total = total + b
         if not fixed:
-            return mass.solve(total), b
+            return mass.solve(total, out=room), b
         given = np.zeros(size)
         for one in fixed:
             now = one.mean_velocity(at(step - 1), at(step)) if step else None
@@ -134,6 +134,7 @@ def _steps(
             resist[one.dofs] = inertia[one.dofs] - total[one.dofs]
         return a, b
 
+    room = np.empty(size)  # for accelerations
     resist = np.zeros(size if fixed else 0)  # reaction at prescribed degrees of freedom, 0 elsewhere
     if start is None:
         step, work, initial, ripple = 0, 0.0, None, 0.0
@@ -163,13 +164,12 @@ def _steps(
     if start is None:
         now = state()
         yield now
-    du = np.empty_like(u)
+    du, half = np.empty_like(u), 0.5 * dt * a  # half a step's change of velocity, twice
     end = until * (1.0 - 1e-12)
     while at(step) < end:
         # k = 0: u1 = u0 + dt v0 + dt^2/2 a0; k >= 1: u_{k+1} = 2 u_k - u_{k-1} + dt^2 a_k
         with np.errstate(over="ignore", invalid="ignore"):  # the watch looks at the numbers
-            np.multiply(a, 0.5 * dt, out=du)
-            v += du
+            v += half
             np.multiply(v, dt, out=du)
             u += du
             step += 1
@@ -179,7 +179,8 @@ def _steps(
                 work += 0.5 * float((before + b) @ du)
             if fixed:
                 work += 0.5 * float((pulled + resist) @ du)
-            v += 0.5 * dt * a
+            np.multiply(a, 0.5 * dt, out=half)
+            v += half
         now = state()
         if guard.due(step, last=at(step) >= end):
             guard.look(now)

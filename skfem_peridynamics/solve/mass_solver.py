@@ -23,13 +23,16 @@ _CHECK = 1e-10  # relative residual above which a mass is not that of P1, and is
 
 
 class MassSolver(Protocol):
-    """The mass of a scheme: products, and accelerations of the degrees of freedom that are not prescribed."""
+    """The mass of a scheme: products, and accelerations of the degrees of freedom that are not prescribed.
+
+    ``out`` is an array that the accelerations may go to.
+    """
 
     size: int
 
     def times(self, x: Floats) -> Floats: ...
 
-    def solve(self, force: Floats) -> Floats: ...
+    def solve(self, force: Floats, out: Floats | None = None) -> Floats: ...
 
 
 class Lumped:
@@ -41,8 +44,8 @@ class Lumped:
     def times(self, x: Floats) -> Floats:
         return self.m * x
 
-    def solve(self, force: Floats) -> Floats:
-        return force * self.inverse
+    def solve(self, force: Floats, out: Floats | None = None) -> Floats:
+        return np.multiply(force, self.inverse, out=out)
 
 
 class Factored:
@@ -59,7 +62,7 @@ class Factored:
         out: Floats = self.M @ x
         return out
 
-    def solve(self, force: Floats) -> Floats:
+    def solve(self, force: Floats, out: Floats | None = None) -> Floats:
         out = np.zeros(self.size)
         out[self.free] = self.factor.solve(force[self.free])
         return out
@@ -80,7 +83,7 @@ class Chebyshev:
         out: Floats = self.M @ x
         return out
 
-    def solve(self, force: Floats) -> Floats:
+    def solve(self, force: Floats, out: Floats | None = None) -> Floats:
         r = force[self.free]
         z = r / self.diagonal
         d = z / self.middle
