@@ -1,13 +1,13 @@
-"""Compiled loops over ball bonds, a site at a time: its rays, their nodes, and the elements these lie in.
+"""Compiled loops over ball bonds, an element at a time: all bonds of a task that end in it.
 
-A P1 field is affine in an element, ``u0 + G (y - corner)``: a table with rows ``corner, u0, G`` is made once for all
-bonds, and both ends of a bond are read from it, the site from the element that holds it. Forces go back the same way:
-an element sums forces and their moments about its corner, and hands them to its vertices at the end. With
-``t = e.(u_y - u_x)`` a bond has ``c = t / r`` and ``q = t c``. ``axes`` is a tuple as long as the dimension.
+A P1 field is affine in an element: at the far end it is ``u0 + G (y - corner)``, and u0 and G are kept in a table E with
+rows ``corner, u0, G``, made once for all bonds. An element is read once for its bonds, and sums their forces and the
+moments of these about its corner in a row of M, which it hands to its vertices at the end. Sites, and what they sum, are
+small tables of the task: rows ``x, u`` (from 0 and 4) and rows of forces.
 
-All loops share some arguments: points (nsites, 3) and ``own`` element of the sites, ``reach`` (nsites, ndir),
-``element`` (nsites, ndir, nrad), and of the fan ``way`` (ndir, 3), unit vectors, and ``node`` (2, 2, nrad), distances
-as fractions of the reach and their inverses, on rays of full length and on rays cut short.
+A bond is two numbers: its site, and its vector among the ``vectors`` of the task, rows ``xi, 1 / r^3`` (0 on a ray that
+left the body at once). With ``s = xi.(u_y - u_x)`` a bond has ``c = s / r^3`` and ``q = s c``. ``axes`` is a tuple as
+long as the dimension. ``lists`` are the elements, where the bonds of each start, and site and vector of each bond.
 """
 
 from __future__ import annotations
@@ -21,145 +21,199 @@ from .law_loops import BATCH, R2, ROOM, XI, YI, ZI, C, K, Q, S, bend, stored
 
 
 @compiled
-def _gather(
-    axes: Any,
-    row: int,
-    x: Any,
-    own: Any,
-    reach: Any,
-    element: Any,
-    horizon: float,
-    way: Any,
-    node: Any,
-    E: Any,
-    ray: int,
-    end: int,
-    W: Any,
-) -> None:
-    """``y - corner`` of the bonds on some rays, ``t = e.(u_y - u_x)`` and ``1 / r`` (0 on a ray that left at once)."""
-    dim, nrad = len(axes), element.shape[2]
-    x0, x1, x2 = x[row, 0], x[row, 1], x[row, 2]
-    u0, u1, u2 = 0.0, 0.0, 0.0
-    at = np.uint32(own[row])
-    if dim == 1:
-        u0 = E[at, 1] + E[at, 2] * (x0 - E[at, 0])
-    elif dim == 2:
-        a, b = x0 - E[at, 0], x1 - E[at, 1]
-        u0 = E[at, 2] + (E[at, 4] * a + E[at, 5] * b)
-        u1 = E[at, 3] + (E[at, 6] * a + E[at, 7] * b)
-    else:
-        a, b, c = x0 - E[at, 0], x1 - E[at, 1], x2 - E[at, 2]
-        u0 = E[at, 3] + (E[at, 6] * a + E[at, 7] * b + E[at, 8] * c)
-        u1 = E[at, 4] + (E[at, 9] * a + E[at, 10] * b + E[at, 11] * c)
-        u2 = E[at, 5] + (E[at, 12] * a + E[at, 13] * b + E[at, 14] * c)
-    m = 0
-    for d in range(ray, end):
-        length = reach[row, d]
-        cut = 1 if length < horizon else 0
-        inverse = 0.0 if length == 0.0 else 1.0 / length
-        e0, e1, e2 = way[d, 0], way[d, 1], way[d, 2]
-        for p in range(nrad):
-            at = np.uint32(element[row, d, p])
-            r = length * node[0, cut, p]
-            a = x0 + r * e0 - E[at, 0]
-            W[m + XI] = a
-            if dim == 1:
-                t = e0 * (E[at, 1] + E[at, 2] * a - u0)
-            elif dim == 2:
-                b = x1 + r * e1 - E[at, 1]
-                W[m + YI] = b
-                t = e0 * (E[at, 2] + (E[at, 4] * a + E[at, 5] * b) - u0)
-                t += e1 * (E[at, 3] + (E[at, 6] * a + E[at, 7] * b) - u1)
-            else:
-                b = x1 + r * e1 - E[at, 1]
-                c = x2 + r * e2 - E[at, 2]
-                W[m + YI] = b
-                W[m + ZI] = c
-                t = e0 * (E[at, 3] + (E[at, 6] * a + E[at, 7] * b + E[at, 8] * c) - u0)
-                t += e1 * (E[at, 4] + (E[at, 9] * a + E[at, 10] * b + E[at, 11] * c) - u1)
-                t += e2 * (E[at, 5] + (E[at, 12] * a + E[at, 13] * b + E[at, 14] * c) - u2)
-            W[m + S] = t
-            W[m + R2] = inverse * node[1, cut, p]
-            m += 1
+def _settle(axes: Any, x: Any, own: Any, E: Any, sites: Any) -> None:
+    """Write places and displacements of the sites, the latter from the elements that hold them."""
+    dim = len(axes)
+    for i in range(len(own)):
+        at = own[i]
+        for a in range(dim):
+            sites[i, a] = x[i, a]
+            moved = 0.0
+            for b in range(dim):
+                moved += E[at, 2 * dim + a * dim + b] * (x[i, b] - E[at, b])
+            sites[i, 4 + a] = E[at, dim + a] + moved
 
 
 @compiled
-def _pull(n: int, given: Any, at: int, scale: float, W: Any) -> None:
-    """``c = t / r`` and ``q = t c``, and the measures."""
+def _return(axes: Any, x: Any, own: Any, E: Any, forces: Any, times: float, M: Any) -> None:
+    """Add forces at the sites to the elements that hold them."""
+    dim = len(axes)
+    for i in range(len(own)):
+        at = own[i]
+        for a in range(dim):
+            f = times * forces[i, a]
+            M[at, a] += f
+            for b in range(dim):
+                M[at, dim + a * dim + b] += f * (x[i, b] - E[at, b])
+
+
+@compiled
+def _gather(
+    axes: Any, at: int, low: int, n: int, site: Any, code: Any, vectors: Any, sites: Any, E: Any, m: int, W: Any
+) -> None:
+    """``y - corner``, ``s = xi.(u_y - u_x)`` and ``1 / r^3`` of n bonds of an element, from place m on."""
+    dim = len(axes)
+    for bond in range(low, low + n):
+        i, v = np.uint32(site[bond]), np.uint32(code[bond])
+        x0 = vectors[v, 0]
+        a = sites[i, 0] + x0 - E[at, 0]
+        W[m + XI] = a
+        if dim == 1:
+            s = x0 * (E[at, 1] + E[at, 2] * a - sites[i, 4])
+        elif dim == 2:
+            x1 = vectors[v, 1]
+            b = sites[i, 1] + x1 - E[at, 1]
+            W[m + YI] = b
+            s = x0 * (E[at, 2] + (E[at, 4] * a + E[at, 5] * b) - sites[i, 4])
+            s += x1 * (E[at, 3] + (E[at, 6] * a + E[at, 7] * b) - sites[i, 5])
+        else:
+            x1, x2 = vectors[v, 1], vectors[v, 2]
+            b = sites[i, 1] + x1 - E[at, 1]
+            c = sites[i, 2] + x2 - E[at, 2]
+            W[m + YI] = b
+            W[m + ZI] = c
+            s = x0 * (E[at, 3] + (E[at, 6] * a + E[at, 7] * b + E[at, 8] * c) - sites[i, 4])
+            s += x1 * (E[at, 4] + (E[at, 9] * a + E[at, 10] * b + E[at, 11] * c) - sites[i, 5])
+            s += x2 * (E[at, 5] + (E[at, 12] * a + E[at, 13] * b + E[at, 14] * c) - sites[i, 6])
+        W[m + S] = s
+        W[m + R2] = vectors[v, 3]
+        m += 1
+
+
+@compiled
+def _pull(n: int, given: Any, low: int, scale: float, W: Any) -> None:
+    """``c = s / r^3`` and ``q = s c``, and the measures."""
     for m in range(n):
-        t = W[m + S]
-        c = t * W[m + R2]
+        s = W[m + S]
+        c = s * W[m + R2]
         W[m + C] = c
-        W[m + Q] = t * c
-        W[m + K] = scale * given[at + m]
+        W[m + Q] = s * c
+        W[m + K] = scale * given[low + m]
 
 
 @compiled
 def _scatter(
-    axes: Any, row: int, x: Any, own: Any, element: Any, way: Any, ray: int, end: int, both: bool, W: Any, M: Any
+    axes: Any,
+    at: int,
+    low: int,
+    n: int,
+    site: Any,
+    code: Any,
+    vectors: Any,
+    forces: Any,
+    both: bool,
+    m: int,
+    W: Any,
+    M: Any,
 ) -> None:
-    """Add ``k e`` at the site; take it and its moment off the far element, where it acts on both."""
-    dim, nrad = len(axes), element.shape[2]
-    fx, fy, fz = 0.0, 0.0, 0.0
-    m = 0
-    for d in range(ray, end):
-        e0, e1, e2 = way[d, 0], way[d, 1], way[d, 2]
-        whole = 0.0
-        for p in range(nrad):
-            g = W[m + K]
-            whole += g
-            if both:
-                at = np.uint32(element[row, d, p])
-                a, X = g * e0, W[m + XI]
-                M[at, 0] -= a
-                if dim == 1:
-                    M[at, 1] -= a * X
-                elif dim == 2:
-                    b, Y = g * e1, W[m + YI]
-                    M[at, 1] -= b
-                    M[at, 2] -= a * X
-                    M[at, 3] -= a * Y
-                    M[at, 4] -= b * X
-                    M[at, 5] -= b * Y
-                else:
-                    b, c, Y, Z = g * e1, g * e2, W[m + YI], W[m + ZI]
-                    M[at, 1] -= b
-                    M[at, 2] -= c
-                    M[at, 3] -= a * X
-                    M[at, 4] -= a * Y
-                    M[at, 5] -= a * Z
-                    M[at, 6] -= b * X
-                    M[at, 7] -= b * Y
-                    M[at, 8] -= b * Z
-                    M[at, 9] -= c * X
-                    M[at, 10] -= c * Y
-                    M[at, 11] -= c * Z
-            m += 1
-        fx += whole * e0
-        fy += whole * e1
-        fz += whole * e2
-    if not both:
-        fx, fy, fz = 2.0 * fx, 2.0 * fy, 2.0 * fz
-    _add(axes, x, own, row, fx, fy, fz, M)
+    """Add ``k xi`` at the sites; take it, and its moment about the corner, off the element (where it acts on both)."""
+    dim = len(axes)
+    f0, f1, f2 = 0.0, 0.0, 0.0
+    m00, m01, m02, m10, m11, m12, m20, m21, m22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for bond in range(low, low + n):
+        i, v, g = np.uint32(site[bond]), np.uint32(code[bond]), W[m + K]
+        a, x = g * vectors[v, 0], W[m + XI]
+        forces[i, 0] += a
+        f0 += a
+        m00 += a * x
+        if dim > 1:
+            b, y = g * vectors[v, 1], W[m + YI]
+            forces[i, 1] += b
+            f1 += b
+            m01 += a * y
+            m10 += b * x
+            m11 += b * y
+        if dim > 2:
+            c, z = g * vectors[v, 2], W[m + ZI]
+            forces[i, 2] += c
+            f2 += c
+            m02 += a * z
+            m12 += b * z
+            m20 += c * x
+            m21 += c * y
+            m22 += c * z
+        m += 1
+    if both:
+        M[at, 0] -= f0
+        if dim == 1:
+            M[at, 1] -= m00
+        elif dim == 2:
+            M[at, 1] -= f1
+            M[at, 2] -= m00
+            M[at, 3] -= m01
+            M[at, 4] -= m10
+            M[at, 5] -= m11
+        else:
+            M[at, 1] -= f1
+            M[at, 2] -= f2
+            M[at, 3] -= m00
+            M[at, 4] -= m01
+            M[at, 5] -= m02
+            M[at, 6] -= m10
+            M[at, 7] -= m11
+            M[at, 8] -= m12
+            M[at, 9] -= m20
+            M[at, 10] -= m21
+            M[at, 11] -= m22
 
 
 @compiled
-def _add(axes: Any, x: Any, own: Any, row: int, fx: float, fy: float, fz: float, M: Any) -> None:
-    """Add a force at a site to the element that holds it; columns 0..2 of x are the site, 3..5 that corner."""
-    dim = len(axes)
-    at = own[row]
-    M[at, 0] += fx
-    for b in range(dim):
-        away = x[row, b] - x[row, 3 + b]
-        M[at, dim + b] += fx * away
-        if dim > 1:
-            M[at, 2 * dim + b] += fy * away
-        if dim > 2:
-            M[at, 3 * dim + b] += fz * away
-    if dim > 1:
-        M[at, 1] += fy
-    if dim > 2:
-        M[at, 2] += fz
+def _gather_batch(
+    axes: Any,
+    e: int,
+    low: int,
+    n: int,
+    elements: Any,
+    start: Any,
+    site: Any,
+    code: Any,
+    vectors: Any,
+    sites: Any,
+    E: Any,
+    W: Any,
+) -> None:
+    """Gather n bonds from ``low`` on, the first of them of the e-th element."""
+    done = low
+    while done < low + n:
+        stop = min(start[e + 1], low + n)
+        _gather(axes, elements[e], done, stop - done, site, code, vectors, sites, E, done - low, W)
+        done = stop
+        e += 1
+
+
+@compiled
+def _scatter_batch(
+    axes: Any,
+    e: int,
+    low: int,
+    n: int,
+    elements: Any,
+    start: Any,
+    site: Any,
+    code: Any,
+    vectors: Any,
+    forces: Any,
+    both: bool,
+    W: Any,
+    M: Any,
+) -> int:
+    """Scatter them; return the element of the next bond."""
+    done = low
+    while done < low + n:
+        stop = min(start[e + 1], low + n)
+        _scatter(axes, elements[e], done, stop - done, site, code, vectors, forces, both, done - low, W, M)
+        done = stop
+        if done == start[e + 1]:
+            e += 1
+    return e
+
+
+@compiled
+def _past(e: int, start: Any, end: int) -> int:
+    """The element of the bond ``end``."""
+    while e < len(start) - 1 and start[e + 1] <= end:
+        e += 1
+    return e
 
 
 @compiled
@@ -167,11 +221,11 @@ def force(
     axes: Any,
     x: Any,
     own: Any,
-    reach: Any,
-    element: Any,
-    horizon: float,
-    way: Any,
-    node: Any,
+    elements: Any,
+    start: Any,
+    site: Any,
+    code: Any,
+    vectors: Any,
     E: Any,
     given: Any,
     scale: float,
@@ -183,17 +237,16 @@ def force(
     M: Any,
 ) -> None:
     """Add the forces of the bonds to the element sums M."""
-    W = np.empty(ROOM)
-    ndir, nrad = element.shape[1], element.shape[2]
-    rays = max(1, BATCH // nrad)
-    for row in range(len(own)):
-        for ray in range(0, ndir, rays):
-            end = min(ndir, ray + rays)
-            n = (end - ray) * nrad
-            _gather(axes, row, x, own, reach, element, horizon, way, node, E, ray, end, W)
-            _pull(n, given, (row * ndir + ray) * nrad, scale, W)
-            bend(kind, slope, b, law, W, n)
-            _scatter(axes, row, x, own, element, way, ray, end, both, W, M)
+    W, sites, forces = np.empty(ROOM), np.empty((len(own), 8)), np.zeros((len(own), 4))
+    _settle(axes, x, own, E, sites)
+    e = 0
+    for low in range(0, len(site), BATCH):
+        n = min(BATCH, len(site) - low)
+        _gather_batch(axes, e, low, n, elements, start, site, code, vectors, sites, E, W)
+        _pull(n, given, low, scale, W)
+        bend(kind, slope, b, law, W, n)
+        e = _scatter_batch(axes, e, low, n, elements, start, site, code, vectors, forces, both, W, M)
+    _return(axes, x, own, E, forces, 1.0 if both else 2.0, M)
 
 
 @compiled
@@ -201,11 +254,11 @@ def energy(
     axes: Any,
     x: Any,
     own: Any,
-    reach: Any,
-    element: Any,
-    horizon: float,
-    way: Any,
-    node: Any,
+    elements: Any,
+    start: Any,
+    site: Any,
+    code: Any,
+    vectors: Any,
     E: Any,
     given: Any,
     scale: float,
@@ -215,35 +268,32 @@ def energy(
     law: Any,
 ) -> float:
     """Return the energy of the bonds."""
-    W = np.empty(ROOM)
-    ndir, nrad = element.shape[1], element.shape[2]
-    rays = max(1, BATCH // nrad)
-    total = 0.0
-    for row in range(len(own)):
-        for ray in range(0, ndir, rays):
-            end = min(ndir, ray + rays)
-            n = (end - ray) * nrad
-            _gather(axes, row, x, own, reach, element, horizon, way, node, E, ray, end, W)
-            _pull(n, given, (row * ndir + ray) * nrad, scale, W)
-            total += stored(kind, slope, b, law, W, n)
+    W, sites = np.empty(ROOM), np.empty((len(own), 8))
+    _settle(axes, x, own, E, sites)
+    total, e = 0.0, 0
+    for low in range(0, len(site), BATCH):
+        n = min(BATCH, len(site) - low)
+        _gather_batch(axes, e, low, n, elements, start, site, code, vectors, sites, E, W)
+        _pull(n, given, low, scale, W)
+        total += stored(kind, slope, b, law, W, n)
+        e = _past(e, start, low + n)
     return total
 
 
 @compiled
 def strains(
-    axes: Any, x: Any, own: Any, reach: Any, element: Any, horizon: float, way: Any, node: Any, E: Any, T: Any
+    axes: Any, x: Any, own: Any, elements: Any, start: Any, site: Any, code: Any, vectors: Any, E: Any, T: Any
 ) -> None:
-    """Write the scaled strains ``T = t / sqrt(r)`` of the bonds."""
-    W = np.empty(ROOM)
-    ndir, nrad = element.shape[1], element.shape[2]
-    rays = max(1, BATCH // nrad)
-    for row in range(len(own)):
-        for ray in range(0, ndir, rays):
-            end = min(ndir, ray + rays)
-            at = (row * ndir + ray) * nrad
-            _gather(axes, row, x, own, reach, element, horizon, way, node, E, ray, end, W)
-            for m in range((end - ray) * nrad):
-                T[at + m] = W[m + S] * np.sqrt(W[m + R2])
+    """Write the scaled strains ``T = s / r^(3/2)`` of the bonds."""
+    W, sites = np.empty(ROOM), np.empty((len(own), 8))
+    _settle(axes, x, own, E, sites)
+    e = 0
+    for low in range(0, len(site), BATCH):
+        n = min(BATCH, len(site) - low)
+        _gather_batch(axes, e, low, n, elements, start, site, code, vectors, sites, E, W)
+        for m in range(n):
+            T[low + m] = W[m + S] * np.sqrt(W[m + R2])
+        e = _past(e, start, low + n)
 
 
 @compiled
@@ -251,29 +301,28 @@ def product(
     axes: Any,
     x: Any,
     own: Any,
-    reach: Any,
-    element: Any,
-    horizon: float,
-    way: Any,
-    node: Any,
+    elements: Any,
+    start: Any,
+    site: Any,
+    code: Any,
+    vectors: Any,
     E: Any,
     weight: Any,
     both: bool,
     M: Any,
 ) -> None:
     """Take ``X^T diag(weight) B u`` off the element sums M, B the map from displacements to scaled strains."""
-    W = np.empty(ROOM)
-    ndir, nrad = element.shape[1], element.shape[2]
-    rays = max(1, BATCH // nrad)
-    for row in range(len(own)):
-        for ray in range(0, ndir, rays):
-            end = min(ndir, ray + rays)
-            n = (end - ray) * nrad
-            _gather(axes, row, x, own, reach, element, horizon, way, node, E, ray, end, W)
-            _pull(n, weight, (row * ndir + ray) * nrad, 1.0, W)
-            for m in range(n):
-                W[m + K] *= W[m + C]
-            _scatter(axes, row, x, own, element, way, ray, end, both, W, M)
+    W, sites, forces = np.empty(ROOM), np.empty((len(own), 8)), np.zeros((len(own), 4))
+    _settle(axes, x, own, E, sites)
+    e = 0
+    for low in range(0, len(site), BATCH):
+        n = min(BATCH, len(site) - low)
+        _gather_batch(axes, e, low, n, elements, start, site, code, vectors, sites, E, W)
+        _pull(n, weight, low, 1.0, W)
+        for m in range(n):
+            W[m + K] *= W[m + C]
+        e = _scatter_batch(axes, e, low, n, elements, start, site, code, vectors, forces, both, W, M)
+    _return(axes, x, own, E, forces, 1.0 if both else 2.0, M)
 
 
 @compiled

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -32,9 +31,9 @@ class BallDesk:
 
 @dataclass(frozen=True, eq=False)
 class BallTask:
-    """All bonds that start at some sites; those of another law have measure 0.
+    """All bonds of one law that start at some sites, sorted by the elements they end in.
 
-    ``chosen`` says where the bonds of the law are among all of the task's (None: all are).
+    Sites have their places x and the elements that hold them, ``own``; bonds their site and the number of their vector.
     """
 
     field: BallField
@@ -42,41 +41,34 @@ class BallTask:
     law: Law | None
     x: Floats
     own: Ints
-    reach: Floats
-    element: Ints
+    elements: Ints
+    start: Longs
+    site: Ints
+    code: Ints
+    vectors: Floats
     given: Floats
     scale: float
-    chosen: Longs | None
     bonds: slice  # among those of the block
 
-    def split(self, most: int) -> Iterator[BallTask]:
-        """Yield tasks of runs of sites, about ``most`` bonds each."""
-        per_site = self.element.size // len(self.own)
-        count = max(1, most // per_site)
-        for low in range(0, len(self.own), count):
-            run = slice(low, low + count)
-            bonds, chosen = slice(low * per_site, min(self.element.size, (low + count) * per_site)), None
-            given = self.given[bonds]
-            if self.chosen is not None:
-                start, end = np.searchsorted(self.chosen, [bonds.start, bonds.stop])
-                bonds, chosen = slice(int(start), int(end)), self.chosen[start:end] - bonds.start
-            arrays = {name: getattr(self, name)[run] for name in ("x", "own", "reach", "element")}
-            yield dataclasses.replace(self, **arrays, given=given, chosen=chosen, bonds=bonds)
+    @cached_property
+    def order(self) -> Longs:
+        """Where each bond of the task is among ``bonds`` of the block."""
+        return np.argsort(self.field.far_elements(self.block)[self.bonds], kind="stable")
 
     def _bonds(self, desk: BallDesk) -> tuple[Any, ...]:
-        field = self.field
-        rays = self.own, self.reach, self.element, field.fan.horizon, field.way, field.node
-        return ((0,) * field.bonds.dim, self.x, *rays, desk.E)
+        lists = self.elements, self.start, self.site, self.code, self.vectors
+        return ((0,) * self.field.bonds.dim, self.x, self.own, *lists, desk.E)
 
     def strains(self, desk: BallDesk) -> Floats:
         """Return the scaled strains of the bonds."""
-        T = np.empty(self.element.size)
-        ball_loops.strains(*self._bonds(desk), T)
-        return T if self.chosen is None else T[self.chosen]
+        T, sorted_T = np.empty(len(self.site)), np.empty(len(self.site))
+        ball_loops.strains(*self._bonds(desk), sorted_T)
+        T[self.order] = sorted_T
+        return T
 
     def energy(self, desk: BallDesk) -> float:
         if self.law is None:
-            return float(self.block.k @ self.block.law.energy(self.strains(desk)))
+            return float(self.block.k[self.bonds] @ self.block.law.energy(self.strains(desk)))
         loop = self.law.loop(ball_loops.energy)
         return float(loop(*self._bonds(desk), self.given, self.scale, *self.law.energy))
 
@@ -93,11 +85,7 @@ class BallTask:
         self._take(desk, weight[self.bonds])
 
     def _take(self, desk: BallDesk, weight: Floats) -> None:
-        if self.chosen is not None:
-            whole = np.zeros(self.element.size)
-            whole[self.chosen] = weight
-            weight = whole
-        ball_loops.product(*self._bonds(desk), weight, self.block.symmetric, desk.M)
+        ball_loops.product(*self._bonds(desk), weight[self.order], self.block.symmetric, desk.M)
 
 
 class BallField:
@@ -107,34 +95,66 @@ class BallField:
         part = blocks[0].part
         assert isinstance(part, BallPart)
         self.bonds, self.fan = bonds, part.fan
-        dim = bonds.dim
-        self.way = np.zeros((len(self.fan.directions), 3))
-        self.way[:, :dim] = self.fan.directions
-        self.node = np.stack([self.fan.nodes, 1.0 / self.fan.nodes])
-        self.tasks = [self._task(block) for block in blocks]
+        most = piece(bonds.nbonds)
+        self.groups = [list(self._tasks(block, most)) for block in blocks]
 
-    def _task(self, block: Block) -> BallTask:
-        part, bonds, samples, tracer = block.part, block.bonds, block.bonds.samples, self.fan.tracer
+    def far_elements(self, block: Block) -> Ints:
+        """The elements that the bonds of a block end in."""
+        assert isinstance(block.part, BallPart)
+        every: Ints = block.part.element.ravel()
+        return every if block.which is None else every[block.which]
+
+    def _tasks(self, block: Block, most: int) -> Iterator[BallTask]:
+        """Tasks of runs of sites, about ``most`` bonds each."""
+        part = block.part
         assert isinstance(part, BallPart)
-        site, reach, element = part.first + part.site.astype(np.int64), part.reach, part.element
-        chosen = None
-        if block.which is None:
-            given, scale = (part.weight, bonds.prefactor) if bonds.plain else (block.k, 1.0)
-        else:
-            rows, place = np.unique(block.which // part.per_site, return_inverse=True)
-            site, reach, element = site[rows], reach[rows], element[rows]
-            chosen = place * part.per_site + block.which % part.per_site
-            given, scale = np.zeros(element.size), 1.0
-            given[chosen] = block.k
-        own = samples.element[np.searchsorted(samples.sites, site)]
+        count, per_site = max(1, most // part.per_site), part.per_site
+        law, plain = law_of(block.law), block.bonds.plain and block.which is None
+        k = part.weight if plain else block.k
+        for low in range(0, len(part.site), count):
+            run = slice(low, min(len(part.site), low + count))
+            ends = np.array([run.start, run.stop]) * per_site
+            if block.which is None:
+                chosen, bonds = np.arange(*ends), slice(*ends.tolist())
+            else:
+                bonds = slice(*np.searchsorted(block.which, ends).tolist())
+                chosen = block.which[bonds]
+            if len(chosen):
+                yield self._task(block, law, run, chosen - ends[0], bonds, k, block.bonds.prefactor if plain else 1.0)
+
+    def _task(
+        self, block: Block, law: Law | None, run: slice, chosen: Longs, bonds: slice, k: Floats, scale: float
+    ) -> BallTask:
+        part, samples, tracer = block.part, self.bonds.samples, self.fan.tracer
+        assert isinstance(part, BallPart)
+        sites = part.first + part.site[run].astype(np.int64)
+        own = samples.element[np.searchsorted(samples.sites, sites)]
         at_vertex = own < 0
-        own[at_vertex] = tracer.any_element(samples.vertices[site[at_vertex], 0])
-        dim = bonds.dim
-        x = np.zeros((len(site), 6))
-        x[:, :dim], x[:, 3 : 3 + dim] = samples.points[site], tracer.base[own]
-        whole = slice(0, element.size if chosen is None else len(chosen))
-        holds = own.astype(np.int32)
-        return BallTask(self, block, law_of(block.law), x, holds, reach, element, given, scale, chosen, whole)
+        own[at_vertex] = tracer.any_element(samples.vertices[sites[at_vertex], 0])
+        order = np.argsort(self.far_elements(block)[bonds], kind="stable")
+        element = part.element[run].ravel()[chosen][order]
+        elements, start = np.unique(element, return_index=True)
+        code, vectors = self._vectors(part.reach[run])
+        site = (chosen // part.per_site)[order]
+        return BallTask(
+            *(self, block, law, np.ascontiguousarray(samples.points[sites]), own.astype(np.int32)),
+            *(elements, np.append(start, len(element)), _small(site), _small(code[chosen][order]), vectors),
+            *(k[bonds][order], scale, bonds),
+        )
+
+    def _vectors(self, reach: Floats) -> tuple[Longs, Floats]:
+        """The vector of each bond of some sites, by its number, and the vectors: those of whole rays come once."""
+        fan, dim = self.fan, self.bonds.dim
+        ndir, nrad = len(fan.directions), fan.nodes.shape[1]
+        cut = fan.is_cut(reach)
+        code = np.broadcast_to(np.arange(ndir * nrad).reshape(ndir, nrad), (*reach.shape, nrad)).copy()
+        code[cut] = ndir * nrad + np.arange(int(cut.sum()) * nrad).reshape(-1, nrad)
+        way = np.concatenate([fan.directions, fan.directions[np.nonzero(cut)[1]]])
+        r = np.concatenate([np.tile(fan.horizon * fan.nodes[0], (ndir, 1)), reach[cut][:, None] * fan.nodes[1]])
+        vectors = aligned(len(way) * nrad, 4)
+        vectors[:, :dim] = (way[:, None, :] * r[:, :, None]).reshape(-1, dim)
+        np.divide(1.0, r.ravel() ** 3, out=vectors[:, 3], where=r.ravel() > 0.0)
+        return code.ravel(), vectors
 
     @cached_property
     def _pieces(self) -> list[tuple[int, int]]:
@@ -150,11 +170,9 @@ class BallField:
         return Schedule.of(self._pieces, marks)
 
     def schedule(self) -> Schedule:
-        """Return the tasks, split to keep all threads busy, in a fixed order of what they add to."""
-        most = piece(self.bonds.nbonds)
-        pieces = [some for task in self.tasks for some in task.split(most)]
-        size = int(self.bonds.mesh.nelements)
-        return Schedule.of(pieces, [marked(np.append(some.element, some.own), size) for some in pieces])
+        """Return the tasks in a fixed order of what they add to."""
+        size, tasks = int(self.bonds.mesh.nelements), [task for group in self.groups for task in group]
+        return Schedule.of(tasks, [marked(np.append(task.elements, task.own), size) for task in tasks])
 
     def desk(self) -> BallDesk:
         """Return new working arrays."""
@@ -177,3 +195,8 @@ class BallField:
         fixed = (0,) * dim, self.bonds.mesh.t, self.fan.tracer.gradient, desk.M
         self._handing.run(lambda piece: ball_loops.hand_over(*fixed, *piece, out), team)
         return out.ravel()
+
+
+def _small(numbers: Longs) -> Ints:
+    """Numbers in as few bytes as they need, two or four."""
+    return numbers.astype(np.uint16 if numbers.max(initial=0) < 1 << 16 else np.uint32)

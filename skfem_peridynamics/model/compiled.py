@@ -1,6 +1,6 @@
 """The operators of a body by compiled loops, in threads.
 
-A task is a block of bonds with its arrays in the form the loops want. Tasks write straight into the sums of the whole
+A task is a block of bonds, or a part of one, with its arrays in the form the loops want. Tasks write straight into the sums of the whole
 body, in the order of a schedule. Working arrays are lent to one call at a time, so that calls from several threads do
 not meet.
 """
@@ -54,7 +54,7 @@ class CompiledEngine:
 
     def energy(self, u: Floats) -> float:
         with self._desk(u) as desk:
-            return float(sum(self.team.map(lambda task: task.energy(desk), self.field.tasks)))
+            return float(sum(self.team.map(lambda task: task.energy(desk), self.schedule.tasks)))
 
     def force(self, u: Floats) -> Floats:
         with self._desk(u) as desk:
@@ -76,4 +76,9 @@ class CompiledEngine:
 
     def each(self, u: Floats, function: Callable[[Block, Floats], _T]) -> Iterator[_T]:
         with self._desk(u) as desk:
-            yield from self.team.map(lambda task: function(task.block, task.strains(desk)), self.field.tasks)
+
+            def look(group: Sequence[Any]) -> _T:
+                T = [task.strains(desk) for task in group]
+                return function(group[0].block, T[0] if len(T) == 1 else np.concatenate(T))
+
+            yield from self.team.map(look, self.field.groups)

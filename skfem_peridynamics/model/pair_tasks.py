@@ -101,7 +101,7 @@ class PairField:
 
     def __init__(self, bonds: BondBasis, blocks: list[Block]) -> None:
         self.bonds = bonds
-        self.tasks = [self._task(block) for block in blocks]
+        self.groups = [[self._task(block)] for block in blocks]
 
     def _task(self, block: Block) -> PairTask:
         part, plain = block.part, block.bonds.plain
@@ -118,7 +118,7 @@ class PairField:
     def schedule(self) -> Schedule:
         """Return the tasks, split to keep all threads busy, in a fixed order of what they add to."""
         most = piece(self.bonds.nbonds)
-        pieces = [some for task in self.tasks for some in task.split(most)]
+        pieces = [some for (task,) in self.groups for some in task.split(most)]
         marks = []
         for some in pieces:
             mine = np.zeros(self.bonds.samples.nsamples, dtype=bool)
