@@ -120,6 +120,28 @@ def test_numbers_that_are_none_show():
         assert np.isfinite(body.force(np.zeros(body.basis.N))).all()  # nothing of it is left in working arrays
 
 
+def test_memory_of_a_bond():
+    """All arrays of list and tasks: 4 bytes a pair and its row, 8 more for a kept measure; balls 19, and 32 on a ray cut short."""
+    for rule, memory, most in (
+        (PairRule(), 0.0, 5), (PairRule(), 1e9, 13), (PairRule(points="gauss"), 0.0, 5), (BallRule(), 0.0, 25),
+    ):  # fmt: skip
+        body = body_on(
+            grid((1, 40), (1, 40)), 0.1, Exponential(1.0, 1.0), rule=rule, matrix_memory=memory, compiled=True
+        )
+        body.force(np.zeros(body.basis.N))
+        arrays = [x for part in body.bonds.parts for x in vars(part).values()]
+        arrays += [x for block in body.blocks for x in vars(block).values()]
+        arrays += [x for task in body.engine.schedule.tasks for x in vars(task).values()]
+        buffers = {}
+        for x in arrays:
+            if isinstance(x, np.ndarray):
+                whole = x if x.base is None or not isinstance(x.base, np.ndarray) else x.base
+                buffers[id(whole)] = whole.nbytes
+        held = sum(buffers.values()) / body.bonds.nbonds
+        print(f"{rule.name}, {'kept' if memory else 'made on the way'}: {held:.1f} bytes a bond")
+        assert held < most
+
+
 # ---- threads, processes
 def bits(body):
     u = np.random.default_rng(0).standard_normal(body.basis.N)

@@ -218,11 +218,12 @@ def memory(_: str | None) -> None:
                 flush=True,
             )
     for rule in (peri.BallRule(), peri.BallRule(2, 13)):
-        body = body_of(box(*((2, 64) if rule.radial == 3 else (3, 8))), 0.2, rule, peri.Linear(1.0), compiled=True)
+        dim, n = (2, 128) if rule.radial == 3 else (3, 24)
+        body = body_of(box(dim, n), 4 / n, rule, peri.Linear(1.0), compiled=True)
         body.force(np.zeros(body.basis.N))
-        tasks = body.engine.field.tasks
-        held = body.bonds.nbytes + sum(task.x.nbytes + task.own.nbytes for task in tasks)
-        print(f"{rule.name}: {held / body.bonds.nbonds:.1f} bytes a bond, list, weights and sites", flush=True)
+        arrays = [x for task in body.engine.schedule.tasks for x in vars(task).values() if isinstance(x, np.ndarray)]
+        held = body.bonds.nbytes + sum(x.nbytes for x in arrays)
+        print(f"{rule.name}: {held / body.bonds.nbonds:.1f} bytes a bond, in all arrays of list and tasks", flush=True)
 
 
 def setup(_: str | None) -> None:

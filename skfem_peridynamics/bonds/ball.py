@@ -85,9 +85,12 @@ class BallRule:
         Raises ``ValueError`` when there are too few directions to hold a vertex, at a corner of the body for example.
         """
         dim = int(mesh.dim())
-        directions, _ = self.directions(dim)
-        nodes = np.stack([self._radial(dim, J)[0] for J in (influence, np.ones_like)])
-        fan = Fan(directions, nodes, horizon, Tracer(mesh), samples.place[mesh.t.T].astype(np.int32))
+        directions, angle = self.directions(dim)
+        nodes, radial = (
+            np.stack(both) for both in zip(*(self._radial(dim, J) for J in (influence, np.ones_like)), strict=True)
+        )
+        shares = (2.0 if self.symmetric else 1.0) * angle[:, None] * radial[:, None, :]
+        fan = Fan(directions, nodes, shares, horizon, Tracer(mesh), samples.place[mesh.t.T].astype(np.int32))
         per_site = len(directions) * self.radial
         out: list[BallPart] = []
         order = curve_order(samples.points[samples.sites])  # so that a part reaches as few elements as it can
@@ -95,13 +98,10 @@ class BallRule:
         for run in (order[low : low + count] for low in range(0, len(order), count)):
             site = samples.sites[run]
             reach, element = self._march(fan, samples, site, samples.element[run])
-            weight = self.weights(dim, fan, reach, samples.volume[run], influence)
             corners = fan.corners[element.reshape(-1)]
             first = int(min(site.min(), corners.min()))
             width = int(max(site.max(), corners.max())) + 1 - first
-            out.append(
-                BallPart(samples, fan, first, width, (site - first).astype(np.int32), reach, element, weight.ravel())
-            )
+            out.append(BallPart(samples, fan, first, width, (site - first).astype(np.int32), reach, element))
         self._check(mesh, samples, out)
         return list(out)
 
@@ -133,15 +133,6 @@ class BallRule:
             s, W = radial_rule(np.ones_like, power, self.radial)
             J = np.ones_like(s)
         return s, W * s ** (dim - 1 - power) / J
-
-    def weights(self, dim: int, fan: Fan, reach: Floats, volume: Floats, influence: Influence) -> Floats:
-        """Return the weights (nsites, ndir, nrad) of the bonds on rays of so much reach, from sites of some volume."""
-        _, angle = self.directions(dim)
-        whole, cut = (self._radial(dim, J)[1] for J in (influence, np.ones_like))
-        on_ray = np.where(fan.is_cut(reach)[:, :, None], reach[:, :, None] ** dim * cut, fan.horizon**dim * whole)
-        both = 2.0 if self.symmetric else 1.0
-        weight: Floats = both * volume[:, None, None] * angle[:, None] * on_ray
-        return weight
 
     def _march(self, fan: Fan, samples: Samples, site: Longs, element: Longs) -> tuple[Floats, Ints]:
         """Reach (nsites, ndir) and elements (nsites, ndir, nrad) of the rays of some sites."""

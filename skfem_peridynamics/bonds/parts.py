@@ -105,10 +105,12 @@ class PairPart:
 @dataclass(frozen=True, eq=False)
 class Fan:
     """What all ball bonds share: unit ``directions`` (ndir, dim), radial ``nodes`` (2, nrad) as fractions of a ray's
-    reach (rays of full length, rays cut short), the elements, and where the vertices are among the samples."""
+    reach (rays of full length, rays cut short) with their ``shares`` (2, ndir, nrad) of ``volume reach^d``, the
+    elements, and where the vertices are among the samples."""
 
     directions: Floats
     nodes: Floats
+    shares: Floats
     horizon: float
     tracer: Tracer
     corners: Ints  # (nelements, dim + 1), samples of the vertices
@@ -121,13 +123,20 @@ class Fan:
         """Return the lengths of the bonds on rays (n, ndir), (n, ndir, nrad)."""
         return reach[:, :, None] * self.nodes[self.is_cut(reach).astype(np.intp)]
 
+    def weights(self, reach: Floats, volume: Floats) -> Floats:
+        """Return the weights of the bonds on rays (n, ndir) from sites of some volume (n,), (n, ndir, nrad)."""
+        share = self.shares[self.is_cut(reach).astype(np.intp), np.arange(len(self.directions))]
+        share *= (volume[:, None] * reach ** self.directions.shape[1])[:, :, None]
+        return share
+
 
 @dataclass(frozen=True, eq=False)
 class BallPart:
     """Bonds from some sites along the rays of a fan: ``y = x + reach node direction`` in ``element``.
 
     ``site`` (nsites,) sample numbers less ``first``; ``reach`` (nsites, ndir); ``element`` (nsites, ndir, nrad) of the
-    mesh. 4 bytes a bond, 8 a ray, and the weight.
+    mesh. ``given`` holds the weights where they are none of the rule's own, which are made when asked for. 4 bytes a
+    bond, 8 a ray, and 8 for a given weight.
     """
 
     samples: Samples
@@ -137,19 +146,28 @@ class BallPart:
     site: Ints
     reach: Floats
     element: Ints
-    weight: Floats
+    given: Floats | None = None
 
     @property
     def nbonds(self) -> int:
-        return len(self.weight)
+        return self.element.size
+
+    @property
+    def weight(self) -> Floats:
+        """Weights of the plain double integral, (nbonds,)."""
+        if self.given is not None:
+            return self.given
+        which = np.searchsorted(self.samples.sites, self.first + self.site)
+        return self.fan.weights(self.reach, self.samples.volume[which]).ravel()
 
     def with_weight(self, weight: Floats) -> BallPart:
-        return dataclasses.replace(self, weight=weight)
+        return dataclasses.replace(self, given=weight)
 
     @property
     def nbytes(self) -> int:
         """Memory of the list."""
-        return self.site.nbytes + self.reach.nbytes + self.element.nbytes + self.weight.nbytes
+        given = 0 if self.given is None else self.given.nbytes
+        return self.site.nbytes + self.reach.nbytes + self.element.nbytes + given
 
     @property
     def per_site(self) -> int:

@@ -1,9 +1,9 @@
 """Compiled loops over ball bonds, an element at a time: all bonds of a task that end in it.
 
-A P1 field is affine in an element: at the far end it is ``u0 + G (y - corner)``, and u0 and G are kept in a table E with
-rows ``corner, u0, G``, made once for all bonds. An element is read once for its bonds, and sums their forces and the
-moments of these about its corner in a row of M, which it hands to its vertices at the end. Sites, and what they sum, are
-small tables of the task: rows ``x, u`` (from 0 and 4) and rows of forces.
+A P1 field is affine in an element: at the far end it is ``u0 + G (y - corner)``, and u0 and G are kept in a table E
+with rows ``corner, u0, G``, made once for all bonds. An element is read once for its bonds, and sums their forces and
+the moments of these about its corner in a row of M, which it hands to its vertices at the end. Sites, and what they
+sum, are small tables of the task: rows ``x, u`` (from 0 and 4) and rows of forces.
 
 A bond is two numbers: its site, and its vector among the ``vectors`` of the task, rows ``xi, 1 / r^3`` (0 on a ray that
 left the body at once). With ``s = xi.(u_y - u_x)`` a bond has ``c = s / r^3`` and ``q = s c``. ``axes`` is a tuple as
@@ -53,31 +53,49 @@ def _gather(
 ) -> None:
     """``y - corner``, ``s = xi.(u_y - u_x)`` and ``1 / r^3`` of n bonds of an element, from place m on."""
     dim = len(axes)
-    for bond in range(low, low + n):
-        i, v = np.uint32(site[bond]), np.uint32(code[bond])
-        x0 = vectors[v, 0]
-        a = sites[i, 0] + x0 - E[at, 0]
-        W[m + XI] = a
-        if dim == 1:
-            s = x0 * (E[at, 1] + E[at, 2] * a - sites[i, 4])
-        elif dim == 2:
-            x1 = vectors[v, 1]
-            b = sites[i, 1] + x1 - E[at, 1]
+    # read once: what is stored below could be these, for all the compiler knows
+    if dim == 1:
+        c0, u0, g00 = E[at, 0], E[at, 1], E[at, 2]
+        for bond in range(low, low + n):
+            i, v = np.uint32(site[bond]), np.uint32(code[bond])
+            x0 = vectors[v, 0]
+            a = sites[i, 0] + x0 - c0
+            W[m + S] = x0 * (u0 + g00 * a - sites[i, 4])
+            W[m + XI] = a
+            W[m + R2] = vectors[v, 3]
+            m += 1
+    elif dim == 2:
+        c0, c1, u0, u1 = E[at, 0], E[at, 1], E[at, 2], E[at, 3]
+        g00, g01, g10, g11 = E[at, 4], E[at, 5], E[at, 6], E[at, 7]
+        for bond in range(low, low + n):
+            i, v = np.uint32(site[bond]), np.uint32(code[bond])
+            x0, x1, inverse = vectors[v, 0], vectors[v, 1], vectors[v, 3]
+            a, b = sites[i, 0] + x0 - c0, sites[i, 1] + x1 - c1
+            s = x0 * (u0 + (g00 * a + g01 * b) - sites[i, 4])
+            s += x1 * (u1 + (g10 * a + g11 * b) - sites[i, 5])
+            W[m + XI] = a
             W[m + YI] = b
-            s = x0 * (E[at, 2] + (E[at, 4] * a + E[at, 5] * b) - sites[i, 4])
-            s += x1 * (E[at, 3] + (E[at, 6] * a + E[at, 7] * b) - sites[i, 5])
-        else:
-            x1, x2 = vectors[v, 1], vectors[v, 2]
-            b = sites[i, 1] + x1 - E[at, 1]
-            c = sites[i, 2] + x2 - E[at, 2]
+            W[m + S] = s
+            W[m + R2] = inverse
+            m += 1
+    else:
+        c0, c1, c2, u0, u1, u2 = E[at, 0], E[at, 1], E[at, 2], E[at, 3], E[at, 4], E[at, 5]
+        g00, g01, g02 = E[at, 6], E[at, 7], E[at, 8]
+        g10, g11, g12 = E[at, 9], E[at, 10], E[at, 11]
+        g20, g21, g22 = E[at, 12], E[at, 13], E[at, 14]
+        for bond in range(low, low + n):
+            i, v = np.uint32(site[bond]), np.uint32(code[bond])
+            x0, x1, x2, inverse = vectors[v, 0], vectors[v, 1], vectors[v, 2], vectors[v, 3]
+            a, b, c = sites[i, 0] + x0 - c0, sites[i, 1] + x1 - c1, sites[i, 2] + x2 - c2
+            s = x0 * (u0 + (g00 * a + g01 * b + g02 * c) - sites[i, 4])
+            s += x1 * (u1 + (g10 * a + g11 * b + g12 * c) - sites[i, 5])
+            s += x2 * (u2 + (g20 * a + g21 * b + g22 * c) - sites[i, 6])
+            W[m + XI] = a
             W[m + YI] = b
             W[m + ZI] = c
-            s = x0 * (E[at, 3] + (E[at, 6] * a + E[at, 7] * b + E[at, 8] * c) - sites[i, 4])
-            s += x1 * (E[at, 4] + (E[at, 9] * a + E[at, 10] * b + E[at, 11] * c) - sites[i, 5])
-            s += x2 * (E[at, 5] + (E[at, 12] * a + E[at, 13] * b + E[at, 14] * c) - sites[i, 6])
-        W[m + S] = s
-        W[m + R2] = vectors[v, 3]
-        m += 1
+            W[m + S] = s
+            W[m + R2] = inverse
+            m += 1
 
 
 @compiled

@@ -42,7 +42,7 @@ class BallTask:
     x: Floats
     own: Ints
     elements: Ints
-    start: Longs
+    start: Ints
     site: Ints
     code: Ints
     vectors: Floats
@@ -138,7 +138,13 @@ class BallField:
         site = (chosen // part.per_site)[order]
         return BallTask(
             *(self, block, law, np.ascontiguousarray(samples.points[sites]), own.astype(np.int32)),
-            *(elements, np.append(start, len(element)), _small(site), _small(code[chosen][order]), vectors),
+            *(
+                elements,
+                np.append(start, len(element)).astype(np.int32),
+                _small(site),
+                _small(code[chosen][order]),
+                vectors,
+            ),
             *(k[bonds][order], scale, bonds),
         )
 

@@ -1,8 +1,8 @@
 """The operators of a body by compiled loops, in threads.
 
-A task is a block of bonds, or a part of one, with its arrays in the form the loops want. Tasks write straight into the sums of the whole
-body, in the order of a schedule. Working arrays are lent to one call at a time, so that calls from several threads do
-not meet.
+A task is a block of bonds, or a part of one, with its arrays in the form the loops want. Tasks write straight into the
+sums of the whole body, in the order of a schedule. Working arrays are lent to one call at a time, so that calls from
+several threads do not meet.
 """
 
 from __future__ import annotations
