@@ -121,7 +121,7 @@ def test_numbers_that_are_none_show():
 
 
 def test_memory_of_a_bond():
-    """All arrays of list and tasks: 4 bytes a pair and its row, 8 more for a kept measure; balls 19, and 32 on a ray cut short."""
+    """All arrays of list and tasks: 4 bytes a pair, 8 more for a kept measure; balls 19, and 32 on a ray cut short."""
     for rule, memory, most in (
         (PairRule(), 0.0, 5), (PairRule(), 1e9, 13), (PairRule(points="gauss"), 0.0, 5), (BallRule(), 0.0, 25),
     ):  # fmt: skip

@@ -14,7 +14,7 @@ import scipy.sparse as sparse
 
 from .._types import Csr, Floats, Ints, Longs, Mesh
 from ..geometry.simplices import element_volumes, vertex_sizes, vertex_volumes
-from .neighbours import sweep_order
+from .neighbours import local_order
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ def vertex_samples(mesh: Mesh) -> Samples:
     >>> s.points.tolist(), s.volume.tolist()
     ([[0.0], [1.0], [3.0]], [0.5, 1.5, 1.0])
     """
-    order = sweep_order(mesh.p)
+    order = local_order(mesh.p)
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
     return Samples(
@@ -116,7 +116,7 @@ def gauss_samples(mesh: Mesh, with_vertices: bool, order: int = 2) -> Samples:
         own[:, 0] = 1.0
         values = np.vstack([values, own])
         vertices = np.vstack([vertices, np.repeat(np.arange(nvertices)[:, None], dim + 1, axis=1)])
-    sweep = sweep_order(points)
+    sweep = local_order(points)
     is_site = sweep < nelements * ngauss
     gauss = sweep[is_site]
     place = np.full(nvertices, -1, dtype=np.int64)

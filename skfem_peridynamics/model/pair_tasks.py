@@ -17,7 +17,7 @@ from ..bonds.parts import PairPart, rows_of
 from . import pair_loops
 from .compiled_law import Law, law_of, secant
 from .kernels import Block, Team
-from .schedule import Schedule, piece
+from .schedule import Schedule, marked, piece
 
 _SAMPLES = 1 << 15  # filled or emptied at a time
 
@@ -50,7 +50,9 @@ class PairTask:
 
     def split(self, most: int) -> Iterator[PairTask]:
         """Yield tasks of runs of rows, about ``most`` bonds each."""
-        for run in rows_of(self.start, most):
+        total = len(self.partner)
+        even = total // max(1, round(total / most)) + int(np.diff(self.start).max(initial=0))
+        for run in rows_of(self.start, even):
             low, high = int(self.start[run.start]), int(self.start[run.stop])
             yield dataclasses.replace(
                 self,
@@ -61,11 +63,10 @@ class PairTask:
                 bonds=slice(low, high),
             )
 
-    def touched(self) -> slice:
-        """The samples from the first near end to the last far end."""
-        first = self.block.window.start
-        last = max(self.row + len(self.start) - 2, int(self.partner.max(initial=0)))
-        return slice(first + self.row, first + last + 1)
+    def touched(self) -> Ints:
+        """The samples at the ends of the bonds, some of them more than once."""
+        rows = np.arange(self.row, self.row + len(self.start) - 1, dtype=np.int32)
+        return np.concatenate([rows, self.partner]) + np.int32(self.block.part.first)
 
     def _bonds(self, desk: PairDesk) -> tuple[Any, ...]:
         return (0,) * len(desk.F), self.start, self.partner, self.row, desk.P[self.block.window]
@@ -119,12 +120,8 @@ class PairField:
         """Return the tasks, split to keep all threads busy, in a fixed order of what they add to."""
         most = piece(self.bonds.nbonds)
         pieces = [some for (task,) in self.groups for some in task.split(most)]
-        marks = []
-        for some in pieces:
-            mine = np.zeros(self.bonds.samples.nsamples, dtype=bool)
-            mine[some.touched()] = True
-            marks.append(mine)
-        return Schedule.of(pieces, marks)
+        size = self.bonds.samples.nsamples
+        return Schedule.of(pieces, [marked(some.touched(), size) for some in pieces])
 
     @cached_property
     def _runs(self) -> list[tuple[int, int]]:
