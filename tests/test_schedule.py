@@ -20,10 +20,12 @@ def random_marks(seed, tasks=40, places=25):
     return list(np.random.default_rng(seed).random((tasks, places)) < 0.06)
 
 
+@pytest.mark.parametrize("places", [4096, 7])
 @pytest.mark.parametrize("seed", range(5))
-def test_tasks_that_meet_never_overlap_and_keep_their_order(seed):
+def test_tasks_that_meet_never_overlap_and_keep_their_order(seed, places, monkeypatch):
+    monkeypatch.setattr("skfem_peridynamics.model.schedule._PLACES", places)
     marks = random_marks(seed)
-    made = Schedule.of(range(len(marks)), marks)
+    made = Schedule.of(range(len(marks)), [np.flatnonzero(mark) for mark in marks], 25)
     assert sorted(made.tasks) == list(range(len(marks)))
     seen, running, lock = [], set(), threading.Lock()
 
@@ -49,7 +51,7 @@ def test_tasks_that_meet_never_overlap_and_keep_their_order(seed):
 
 def test_a_task_that_fails_is_heard_and_nothing_hangs():
     marks = random_marks(0)
-    made = Schedule.of(range(len(marks)), marks)
+    made = Schedule.of(range(len(marks)), [np.flatnonzero(mark) for mark in marks], 25)
 
     def task(number):
         if number == made.tasks[7]:

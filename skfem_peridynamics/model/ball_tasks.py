@@ -16,9 +16,9 @@ from . import ball_loops
 from .compiled_law import Law, law_of, secant
 from .kernels import Block, Team
 from .pair_tasks import aligned
-from .schedule import Schedule, marked, piece
+from .schedule import Schedule, piece
 
-_ELEMENTS = 1 << 12  # of a task that tabulates or hands over
+_ELEMENTS, _MOST = 1 << 12, 512  # of a task that tabulates or hands over, and how many tasks
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,19 +166,21 @@ class BallField:
     def _pieces(self) -> list[tuple[int, int]]:
         """Elements in runs."""
         count = int(self.bonds.mesh.nelements)
-        return [(low, min(count, low + _ELEMENTS)) for low in range(0, count, _ELEMENTS)]
+        step = max(_ELEMENTS, count // _MOST)
+        return [(low, min(count, low + step)) for low in range(0, count, step)]
 
     @cached_property
     def _handing(self) -> Schedule:
         """The runs of elements in a fixed order of the vertices that they add to."""
         mesh = self.bonds.mesh
-        marks = [marked(mesh.t[:, low:high].ravel(), int(mesh.nvertices)) for low, high in self._pieces]
-        return Schedule.of(self._pieces, marks)
+        touched = [mesh.t[:, low:high].ravel() for low, high in self._pieces]
+        return Schedule.of(self._pieces, touched, int(mesh.nvertices))
 
     def schedule(self) -> Schedule:
         """Return the tasks in a fixed order of what they add to."""
-        size, tasks = int(self.bonds.mesh.nelements), [task for group in self.groups for task in group]
-        return Schedule.of(tasks, [marked(np.append(task.elements, task.own), size) for task in tasks])
+        tasks = [task for group in self.groups for task in group]
+        touched = [np.append(task.elements, task.own) for task in tasks]
+        return Schedule.of(tasks, touched, int(self.bonds.mesh.nelements))
 
     def desk(self) -> BallDesk:
         """Return new working arrays."""

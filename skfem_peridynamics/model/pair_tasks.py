@@ -17,7 +17,7 @@ from ..bonds.parts import PairPart, rows_of
 from . import pair_loops
 from .compiled_law import Law, law_of, secant
 from .kernels import Block, Team
-from .schedule import Schedule, marked, piece
+from .schedule import Schedule, piece
 
 _SAMPLES = 1 << 15  # filled or emptied at a time
 
@@ -120,8 +120,7 @@ class PairField:
         """Return the tasks, split to keep all threads busy, in a fixed order of what they add to."""
         most = piece(self.bonds.nbonds)
         pieces = [some for (task,) in self.groups for some in task.split(most)]
-        size = self.bonds.samples.nsamples
-        return Schedule.of(pieces, [marked(some.touched(), size) for some in pieces])
+        return Schedule.of(pieces, [some.touched() for some in pieces], self.bonds.samples.nsamples)
 
     @cached_property
     def _runs(self) -> list[tuple[int, int]]:

@@ -15,46 +15,48 @@ import numpy as np
 from .._types import Bools, Ints
 from .kernels import Team
 
-_LEAST, _MOST, _TASKS = 1 << 14, 1 << 16, 64  # handing out a task costs some ten microseconds, a bond some nanoseconds
+_LEAST, _MOST = 1 << 14, 1 << 16  # bonds: handing out a task costs some ten microseconds, a bond some nanoseconds
+_FEW, _MANY = 64, 1024  # tasks: enough for all threads, and so many that who meets whom is soon found out
+_PLACES = 4096  # told apart; where there are more, neighbours by number count as one
 
 
 def piece(nbonds: int) -> int:
-    """Return of how many bonds to make a task: enough tasks for all threads, none too small.
+    """Return of how many bonds to make a task.
 
-    >>> piece(10**4), piece(4 * 10**6), piece(10**9)
-    (16384, 62500, 65536)
+    >>> piece(10**4), piece(3 * 10**6), piece(10**7), piece(2**28)
+    (16384, 46875, 65536, 262144)
     """
-    return min(_MOST, max(_LEAST, nbonds // _TASKS))
+    return max(_LEAST, min(_MOST, nbonds // _FEW), nbonds // _MANY)
 
 
-def marked(places: Ints, size: int) -> Bools:
-    """Return which of ``size`` places are among some numbers.
+def meetings(touched: Sequence[Ints], size: int) -> Bools:
+    """Return which tasks meet, (n, n): those that touch the same of ``size`` places, or ones next to each other.
 
-    >>> marked(np.array([0, 2, 2]), 3).tolist()
-    [True, False, True]
+    >>> meetings([np.array([0, 1]), np.array([1, 2]), np.array([2])], size=3).astype(int).tolist()
+    [[1, 1, 0], [1, 1, 1], [0, 1, 1]]
     """
-    marks = np.zeros(size, dtype=bool)
-    marks[places] = True
-    return marks
+    width = -(-size // _PLACES)
+    marks = np.zeros((len(touched), -(-size // width)), dtype=np.float32)
+    for mark, places in zip(marks, touched, strict=True):
+        mark[places // width] = 1.0
+    meet: Bools = marks @ marks.T > 0.0
+    return meet
 
 
-def phases(marks: Sequence[Bools]) -> list[list[int]]:
-    """Sort tasks into phases, first come first served: no two of a phase touch the same place.
+def phases(meet: Bools) -> list[list[int]]:
+    """Sort tasks into phases, first come first served: no two of a phase meet.
 
-    >>> phases([np.array([True, False, False]), np.array([True, True, False]), np.array([False, False, True])])
+    >>> phases(meetings([np.array([0, 1]), np.array([1, 2]), np.array([2])], size=3))
     [[0, 2], [1]]
     """
-    taken: list[Bools] = []
     out: list[list[int]] = []
-    for number, mine in enumerate(marks):
-        for phase, used in zip(out, taken, strict=True):
-            if not (used & mine).any():
+    for number, mine in enumerate(meet):
+        for phase in out:
+            if not mine[phase].any():
                 phase.append(number)
-                used |= mine
                 break
         else:
             out.append([number])
-            taken.append(mine.copy())
     return out
 
 
@@ -69,15 +71,17 @@ class Schedule:
     waits: Sequence[Sequence[int]]
 
     @classmethod
-    def of(cls, tasks: Sequence[Any], marks: Sequence[Bools]) -> Schedule:
-        """Order tasks by the places that they touch."""
-        order = [number for phase in phases(marks) for number in phase]
+    def of(cls, tasks: Sequence[Any], touched: Sequence[Ints], size: int) -> Schedule:
+        """Order tasks by the places, of ``size``, that they touch."""
+        meet = meetings(touched, size)
+        order = [number for phase in phases(meet) for number in phase]
+        meet = meet[np.ix_(order, order)]
         waits: list[list[int]] = []
         before: list[int] = []  # all that come before each task, a bit for each
-        for n, number in enumerate(order):
+        for n in range(len(order)):
             mine, known = [], 0
-            for k in reversed(range(n)):
-                if not known >> k & 1 and (marks[order[k]] & marks[number]).any():
+            for k in reversed(np.flatnonzero(meet[n, :n]).tolist()):
+                if not known >> k & 1:
                     mine.append(k)
                     known |= before[k] | 1 << k
             waits.append(mine)
