@@ -48,12 +48,31 @@ def unordered(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _forgive(dispatcher: Any) -> None:
-    """A cache that cannot be read or written (disk full, a file cut short) is none."""
+    """Make a cache that is safe to have.
+
+    One that cannot be read or written (disk full, a file cut short) is none. And code is taken from it only if it was
+    made from the same loops: numba itself looks at the file of a loop, not at those of the loops that it calls.
+    """
     store = getattr(dispatcher, "_cache", None)
     for name in ("load_overload", "save_overload"):
         act = getattr(store, name, None)
         if act is not None:
             setattr(store, name, _forgiving(act))
+    key = getattr(store, "_index_key", None)
+    if store is not None and key is not None:
+        store._index_key = lambda *arguments: (*key(*arguments), _fingerprint())
+
+
+@cache
+def _fingerprint() -> str:
+    """A hash of all compiled loops of the package."""
+    from hashlib import sha256
+    from pathlib import Path
+
+    made = sha256()
+    for file in sorted(Path(__file__).parent.rglob("*_loops.py")):
+        made.update(file.read_bytes())
+    return made.hexdigest()
 
 
 def _forgiving(act: Callable[..., Any]) -> Callable[..., Any]:

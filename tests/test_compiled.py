@@ -3,9 +3,11 @@
 import math
 import multiprocessing
 import os
+import shutil
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -254,8 +256,10 @@ print(repr(float(np.abs(body.force(basis.project(lambda x: x))).sum())))
 """
 
 
-def run_with(cache, code=CACHE):
+def run_with(cache, code=CACHE, path=None):
     env = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONWARNINGS": "error"}
+    if path is not None:
+        env["PYTHONPATH"] = str(path)
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env, check=False)
     assert result.returncode == 0, result.stderr
     return float(result.stdout)
