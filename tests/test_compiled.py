@@ -274,6 +274,16 @@ def test_caches_that_are_cut_short(tmp_path):
     assert run_with(tmp_path) == fresh
 
 
+def test_code_of_other_loops_is_not_taken_from_a_cache(tmp_path):
+    """An update that changes a loop which other files call, and leaves those files and their times alone."""
+    package = tmp_path / "new" / "skfem_peridynamics"
+    shutil.copytree(Path(peri.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    old = run_with(tmp_path / "cache", path=package.parent)
+    law = package / "model" / "law_loops.py"
+    law.write_text(law.read_text().replace("twice = 2.0 * slope", "twice = 4.0 * slope"))
+    assert run_with(tmp_path / "cache", path=package.parent) == pytest.approx(2 * old, rel=1e-12)
+
+
 NO_PLACE = (
     """
 from numba.core import caching
