@@ -260,7 +260,8 @@ def run_with(cache, code=CACHE, path=None):
     env = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONWARNINGS": "error"}
     if path is not None:
         env["PYTHONPATH"] = str(path)
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env, check=False)
+    command = [sys.executable, "-c", code]  # not from here: a package in the folder would come first
+    result = subprocess.run(command, capture_output=True, text=True, env=env, cwd=cache.parent, check=False)
     assert result.returncode == 0, result.stderr
     return float(result.stdout)
 
