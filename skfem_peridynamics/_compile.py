@@ -8,18 +8,32 @@ the interpreter lock and never start threads of their own.
 from __future__ import annotations
 
 import importlib.util
+import logging
 import os
 from collections.abc import Callable
 from functools import cache
 from typing import Any
 
 
-@cache
-def available() -> bool:
-    """Return whether loops can be compiled. Numba is not imported to find out."""
+def installed() -> bool:
+    """Return whether numba is there and not switched off. It is not imported to find out."""
     if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
         return False
     return importlib.util.find_spec("numba") is not None
+
+
+@cache
+def available() -> bool:
+    """Return whether loops can be compiled; imports numba. One that cannot be imported is none, and is told of once."""
+    if not installed():
+        return False
+    try:
+        import numba  # noqa: F401
+    except ImportError as error:
+        log = logging.getLogger("skfem_peridynamics")
+        log.warning("numba is installed and cannot be imported; sparse products stand in: %s", error)
+        return False
+    return True
 
 
 def compiled(function: Callable[..., Any], reassociate: bool = False, keep: bool = True) -> Callable[..., Any]:

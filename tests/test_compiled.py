@@ -246,6 +246,15 @@ def test_without_numba_the_sparse_products_stand_in(monkeypatch):
         body.with_(compiled=True).force(np.zeros(body.basis.N))
 
 
+def test_a_numba_that_cannot_be_imported(tmp_path):
+    """As after an update of NumPy alone: said once, and the sparse products do."""
+    stub = tmp_path / "broken" / "numba"
+    stub.mkdir(parents=True)
+    (stub / "__init__.py").write_text('raise ImportError("Numba needs NumPy 2.0 or less")')
+    code = CACHE.replace(", compiled=True", "") + "assert type(body.engine).__name__ == 'SparseEngine'"
+    assert run_with(tmp_path / "cache", code, stub.parent) == pytest.approx(run_with(tmp_path / "cache"), rel=1e-12)
+
+
 CACHE = """
 import numpy as np, skfem
 import skfem_peridynamics as peri

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._compile import available
+from .._compile import installed
 from .._types import Basis, Csr, Floats, Load, Longs, Mesh
 from ..analysis.scheme import Scheme
 from ..bonds.ball import BallRule
@@ -181,9 +181,9 @@ class Problem:
         """Memory of the run: bonds as listed and computed with, mesh, fields, and what the program itself takes."""
         dim, nvertices, nelements = (int(x) for x in (self.mesh.dim(), self.mesh.nvertices, self.mesh.nelements))
         kind = BallPart if isinstance(self.rule, BallRule) else PairPart
-        kept = 8 * self.expected_bonds if available() else matrix_bytes(self.expected_bonds, dim, kind)
+        kept = 8 * self.expected_bonds if installed() else matrix_bytes(self.expected_bonds, dim, kind)
         matrices = min(kept, MATRIX_MEMORY)
-        per_bond = (24 if available() else 64) + (_BALANCING[dim] if self.form.balanced else 0)
+        per_bond = (24 if installed() else 64) + (_BALANCING[dim] if self.form.balanced else 0)
         return (
             int(self.expected_bonds * per_bond + matrices) + 60 * 8 * dim * nvertices + 200 * dim * nelements + _PROGRAM
         )

@@ -132,7 +132,7 @@ class Tracer:
         is taken in.
         """
         corner, element, start = self._stars
-        if available() and self.mesh.nelements >= _MANY:
+        if self.mesh.nelements >= _MANY and available():
             from .ray_loops import first_elements
 
             entered = np.empty(len(vertex), dtype=np.int64)
@@ -205,7 +205,7 @@ class Tracer:
 
     def _walk(self, x: Floats, element: Longs, way: Floats, length: Floats, at: Floats) -> tuple[Floats, Ints]:
         """Reach of each ray, and the elements at distances ``at`` (n, nnodes)."""
-        if not (available() and self.mesh.nelements >= _MANY):
+        if self.mesh.nelements < _MANY or not available():
             return self._walk_together(x, element, way, length, at)
         from .ray_loops import walk
 
