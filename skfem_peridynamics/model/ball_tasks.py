@@ -173,13 +173,13 @@ class BallField:
     def _handing(self) -> Schedule:
         """The runs of elements in a fixed order of the vertices that they add to."""
         mesh = self.bonds.mesh
-        touched = [mesh.t[:, low:high].ravel() for low, high in self._pieces]
+        touched = (mesh.t[:, low:high].ravel() for low, high in self._pieces)
         return Schedule.of(self._pieces, touched, int(mesh.nvertices))
 
     def schedule(self) -> Schedule:
         """Return the tasks in a fixed order of what they add to."""
         tasks = [task for group in self.groups for task in group]
-        touched = [np.append(task.elements, task.own) for task in tasks]
+        touched = (np.append(task.elements, task.own) for task in tasks)
         return Schedule.of(tasks, touched, int(self.bonds.mesh.nelements))
 
     def desk(self) -> BallDesk:

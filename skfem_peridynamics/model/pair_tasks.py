@@ -120,7 +120,7 @@ class PairField:
         """Return the tasks, split to keep all threads busy, in a fixed order of what they add to."""
         most = piece(self.bonds.nbonds)
         pieces = [some for (task,) in self.groups for some in task.split(most)]
-        return Schedule.of(pieces, [some.touched() for some in pieces], self.bonds.samples.nsamples)
+        return Schedule.of(pieces, (some.touched() for some in pieces), self.bonds.samples.nsamples)
 
     @cached_property
     def _runs(self) -> list[tuple[int, int]]:

@@ -5,7 +5,7 @@ What each sum receives, and in which order, is thereby fixed at set-up: the same
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from threading import Event
 from typing import Any
@@ -15,7 +15,7 @@ import numpy as np
 from .._types import Bools, Ints
 from .kernels import Team
 
-_LEAST, _MOST = 1 << 14, 1 << 16  # bonds: handing out a task costs some ten microseconds, a bond some nanoseconds
+_LEAST, _MOST = 1 << 14, 1 << 17  # bonds: handing out a task costs some ten microseconds, a bond some nanoseconds
 _FEW, _MANY = 64, 1024  # tasks: enough for all threads, and so many that who meets whom is soon found out
 _PLACES = 4096  # told apart; where there are more, neighbours by number count as one
 
@@ -24,21 +24,28 @@ def piece(nbonds: int) -> int:
     """Return of how many bonds to make a task.
 
     >>> piece(10**4), piece(3 * 10**6), piece(10**7), piece(2**28)
-    (16384, 46875, 65536, 262144)
+    (16384, 46875, 131072, 262144)
     """
     return max(_LEAST, min(_MOST, nbonds // _FEW), nbonds // _MANY)
 
 
-def meetings(touched: Sequence[Ints], size: int) -> Bools:
+def meetings(touched: Iterable[Ints], size: int) -> Bools:
     """Return which tasks meet, (n, n): those that touch the same of ``size`` places, or ones next to each other.
+
+    Where there are many places, neighbours by number count as one. What tasks touch is looked at one by one.
 
     >>> meetings([np.array([0, 1]), np.array([1, 2]), np.array([2])], size=3).astype(int).tolist()
     [[1, 1, 0], [1, 1, 1], [0, 1, 1]]
     """
     width = -(-size // _PLACES)
-    marks = np.zeros((len(touched), -(-size // width)), dtype=np.float32)
-    for mark, places in zip(marks, touched, strict=True):
+    rows = []
+    for places in touched:
+        mark = np.zeros(-(-size // width), dtype=np.float32)
         mark[places // width] = 1.0
+        rows.append(mark)
+    if not rows:
+        return np.zeros((0, 0), dtype=bool)
+    marks = np.array(rows)
     meet: Bools = marks @ marks.T > 0.0
     return meet
 
@@ -71,7 +78,7 @@ class Schedule:
     waits: Sequence[Sequence[int]]
 
     @classmethod
-    def of(cls, tasks: Sequence[Any], touched: Sequence[Ints], size: int) -> Schedule:
+    def of(cls, tasks: Sequence[Any], touched: Iterable[Ints], size: int) -> Schedule:
         """Order tasks by the places, of ``size``, that they touch."""
         meet = meetings(touched, size)
         order = [number for phase in phases(meet) for number in phase]
