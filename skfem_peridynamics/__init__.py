@@ -15,7 +15,8 @@ from .geometry.layers import boundary_function, collar, region
 from .geometry.slit import Crack, slit
 from .material.calibration import Elastic, Material
 from .material.influence import Influence, conical, constant, gaussian
-from .material.potential import Exponential, Linear, Potential, Rational, Scalars, own_potential
+from .material.own import Scalars, own_potential
+from .material.potential import Exponential, Linear, Potential, Rational
 from .model.loads import body_force, layer_traction, traction
 from .model.mass import interpolate, mass_matrix, project
 from .model.peridynamics import Peridynamics

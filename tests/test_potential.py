@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from skfem_peridynamics import Exponential, Linear, Rational, own_potential
-from skfem_peridynamics.material.potential import Potential, make_potential
+from skfem_peridynamics.material.own import make_potential
+from skfem_peridynamics.material.potential import Potential
 
 LAWS = [
     Exponential(8.0, 2.0),

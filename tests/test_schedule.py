@@ -12,8 +12,8 @@ from skfem_peridynamics.bonds import neighbours
 from skfem_peridynamics.bonds.neighbours import curve_order, pairs_within
 from skfem_peridynamics.geometry import rays
 from skfem_peridynamics.geometry.rays import Tracer
-from skfem_peridynamics.model.kernels import Team
 from skfem_peridynamics.model.schedule import Schedule
+from skfem_peridynamics.model.team import Team
 
 
 def random_marks(seed, tasks=40, places=25):

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from .potential import Potential, make_potential
+from .own import make_potential
+from .potential import Potential
 
 # volume of the unit ball, omega_d, for d = 0, 1, 2, 3
 UNIT_BALL = (1.0, 2.0, pi, 4.0 * pi / 3.0)

@@ -17,34 +17,8 @@ from typing import Any
 import numpy as np
 
 from .._compile import compiled
+from .element_loops import give_back, settle
 from .law_loops import BATCH, R2, ROOM, XI, YI, ZI, C, K, Q, S, bend, stored
-
-
-@compiled
-def _settle(axes: Any, x: Any, own: Any, E: Any, sites: Any) -> None:
-    """Write places and displacements of the sites, the latter from the elements that hold them."""
-    dim = len(axes)
-    for i in range(len(own)):
-        at = own[i]
-        for a in range(dim):
-            sites[i, a] = x[i, a]
-            moved = 0.0
-            for b in range(dim):
-                moved += E[at, 2 * dim + a * dim + b] * (x[i, b] - E[at, b])
-            sites[i, 4 + a] = E[at, dim + a] + moved
-
-
-@compiled
-def _return(axes: Any, x: Any, own: Any, E: Any, forces: Any, times: float, M: Any) -> None:
-    """Add forces at the sites to the elements that hold them."""
-    dim = len(axes)
-    for i in range(len(own)):
-        at = own[i]
-        for a in range(dim):
-            f = times * forces[i, a]
-            M[at, a] += f
-            for b in range(dim):
-                M[at, dim + a * dim + b] += f * (x[i, b] - E[at, b])
 
 
 @compiled
@@ -256,7 +230,7 @@ def force(
 ) -> None:
     """Add the forces of the bonds to the element sums M."""
     W, sites, forces = np.empty(ROOM), np.empty((len(own), 8)), np.zeros((len(own), 4))
-    _settle(axes, x, own, E, sites)
+    settle(axes, x, own, E, sites)
     e = 0
     for low in range(0, len(site), BATCH):
         n = min(BATCH, len(site) - low)
@@ -264,7 +238,7 @@ def force(
         _pull(n, given, low, scale, W)
         bend(kind, slope, b, law, W, n)
         e = _scatter_batch(axes, e, low, n, elements, start, site, code, vectors, forces, both, W, M)
-    _return(axes, x, own, E, forces, 1.0 if both else 2.0, M)
+    give_back(axes, x, own, E, forces, 1.0 if both else 2.0, M)
 
 
 @compiled
@@ -287,7 +261,7 @@ def energy(
 ) -> float:
     """Return the energy of the bonds."""
     W, sites = np.empty(ROOM), np.empty((len(own), 8))
-    _settle(axes, x, own, E, sites)
+    settle(axes, x, own, E, sites)
     total, e = 0.0, 0
     for low in range(0, len(site), BATCH):
         n = min(BATCH, len(site) - low)
@@ -304,7 +278,7 @@ def strains(
 ) -> None:
     """Write the scaled strains ``T = s / r^(3/2)`` of the bonds."""
     W, sites = np.empty(ROOM), np.empty((len(own), 8))
-    _settle(axes, x, own, E, sites)
+    settle(axes, x, own, E, sites)
     e = 0
     for low in range(0, len(site), BATCH):
         n = min(BATCH, len(site) - low)
@@ -331,7 +305,7 @@ def product(
 ) -> None:
     """Take ``X^T diag(weight) B u`` off the element sums M, B the map from displacements to scaled strains."""
     W, sites, forces = np.empty(ROOM), np.empty((len(own), 8)), np.zeros((len(own), 4))
-    _settle(axes, x, own, E, sites)
+    settle(axes, x, own, E, sites)
     e = 0
     for low in range(0, len(site), BATCH):
         n = min(BATCH, len(site) - low)
@@ -340,39 +314,4 @@ def product(
         for m in range(n):
             W[m + K] *= W[m + C]
         e = _scatter_batch(axes, e, low, n, elements, start, site, code, vectors, forces, both, W, M)
-    _return(axes, x, own, E, forces, 1.0 if both else 2.0, M)
-
-
-@compiled
-def tabulate(axes: Any, corners: Any, gradient: Any, u: Any, low: int, high: int, E: Any) -> None:
-    """Fill in u0 and G of some elements from nodal values; ``gradient`` is that of the barycentric coordinates."""
-    dim = len(axes)
-    for e in range(low, high):
-        base = corners[0, e]
-        for a in range(dim):
-            u0 = u[base, a]
-            E[e, dim + a] = u0
-            for b in range(dim):
-                slope = 0.0
-                for k in range(1, dim + 1):
-                    slope += (u[corners[k, e], a] - u0) * gradient[e, k, b]
-                E[e, 2 * dim + a * dim + b] = slope
-
-
-@compiled
-def hand_over(axes: Any, corners: Any, gradient: Any, M: Any, low: int, high: int, F: Any) -> None:
-    """Add what some elements have summed to nodal forces, by P1 values at their corners; empty the sums."""
-    dim = len(axes)
-    for e in range(low, high):
-        for a in range(dim):
-            rest = M[e, a]
-            M[e, a] = 0.0
-            for k in range(1, dim + 1):
-                part = 0.0
-                for b in range(dim):
-                    part += M[e, dim + a * dim + b] * gradient[e, k, b]
-                F[corners[k, e], a] += part
-                rest -= part
-            for b in range(dim):
-                M[e, dim + a * dim + b] = 0.0
-            F[corners[0, e], a] += rest
+    give_back(axes, x, own, E, forces, 1.0 if both else 2.0, M)

@@ -12,11 +12,12 @@ import numpy as np
 from .._types import Floats, Ints, Longs
 from ..bonds.bond_basis import BondBasis
 from ..bonds.parts import BallPart
-from . import ball_loops
+from . import ball_loops, element_loops
 from .compiled_law import Law, law_of, secant
-from .kernels import Block, Team
+from .kernels import Block
 from .pair_tasks import aligned
 from .schedule import Schedule, piece
+from .team import Team
 
 _ELEMENTS, _MOST = 1 << 12, 512  # of a task that tabulates or hands over, and how many tasks
 
@@ -193,7 +194,7 @@ class BallField:
         """Tabulate a displacement."""
         dim = self.bonds.dim
         fixed = (0,) * dim, self.bonds.mesh.t, self.fan.tracer.gradient, u.reshape(-1, dim)
-        for _ in team.map(lambda piece: ball_loops.tabulate(*fixed, *piece, desk.E), self._pieces):
+        for _ in team.map(lambda piece: element_loops.tabulate(*fixed, *piece, desk.E), self._pieces):
             pass
 
     def collect(self, desk: BallDesk, team: Team) -> Floats:
@@ -201,7 +202,7 @@ class BallField:
         dim = self.bonds.dim
         out = np.zeros((int(self.bonds.mesh.nvertices), dim))
         fixed = (0,) * dim, self.bonds.mesh.t, self.fan.tracer.gradient, desk.M
-        self._handing.run(lambda piece: ball_loops.hand_over(*fixed, *piece, out), team)
+        self._handing.run(lambda piece: element_loops.hand_over(*fixed, *piece, out), team)
         return out.ravel()
 
 

@@ -9,7 +9,8 @@ from typing import Any
 
 from .._compile import compiled
 from .._types import Floats
-from ..material.potential import Exponential, Linear, Potential, Rational, Scalars
+from ..material.own import Scalars
+from ..material.potential import Exponential, Linear, Potential, Rational
 from .kernels import Block
 from .law_loops import EXPONENTIAL, LINEAR, OWN, RATIONAL
 

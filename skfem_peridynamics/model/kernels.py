@@ -15,9 +15,7 @@ threads.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
@@ -28,9 +26,9 @@ from .._types import Csr, Floats, Longs
 from ..bonds.bond_basis import BondBasis
 from ..bonds.parts import BallPart, PairPart, Part
 from ..material.potential import Potential
+from .team import Team
 
 _T = TypeVar("_T")
-_X = TypeVar("_X")
 
 
 class Engine(Protocol):
@@ -182,39 +180,6 @@ def matrix_bytes(nbonds: int, dim: int, kind: type[Part]) -> int:
     """
     entries = dim * (dim + 2 if kind is BallPart else 2)
     return nbonds * (entries * (8 + 4) + 4)
-
-
-def usable_cores() -> int:
-    """Return how many processors this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return max(1, len(os.sched_getaffinity(0)))
-    return os.cpu_count() or 1
-
-
-class Team:
-    """Run a function over things, in threads where there are several, results in order.
-
-    A process that was forked off starts threads of its own.
-    """
-
-    def __init__(self, threads: int | None) -> None:
-        if threads is not None and threads < 1:
-            raise ValueError(f"threads = {threads} must be at least 1")
-        self.threads = usable_cores() if threads is None else threads
-        self._pool: ThreadPoolExecutor | None = None
-        self._process = 0
-
-    def map(self, function: Callable[[_X], _T], things: Sequence[_X]) -> Iterator[_T]:
-        def quiet(thing: _X) -> _T:
-            # a run that has become unstable overflows; who steps it looks at the numbers, and says so in words
-            with np.errstate(over="ignore", invalid="ignore"):
-                return function(thing)
-
-        if self.threads == 1 or len(things) < 2:
-            return map(quiet, things)
-        if self._pool is None or self._process != os.getpid():
-            self._pool, self._process = ThreadPoolExecutor(self.threads), os.getpid()
-        return self._pool.map(quiet, things)
 
 
 @dataclass(frozen=True, eq=False)

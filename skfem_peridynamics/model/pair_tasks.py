@@ -16,8 +16,9 @@ from ..bonds.bond_basis import BondBasis
 from ..bonds.parts import PairPart, rows_of
 from . import pair_loops
 from .compiled_law import Law, law_of, secant
-from .kernels import Block, Team
+from .kernels import Block
 from .schedule import Schedule, piece
+from .team import Team
 
 _SAMPLES = 1 << 15  # filled or emptied at a time
 

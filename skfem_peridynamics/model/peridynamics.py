@@ -19,7 +19,8 @@ from ..bonds.bond_basis import BondBasis
 from ..bonds.parts import Part
 from ..material.calibration import Elastic, Material
 from ..material.potential import Linear, Potential
-from .kernels import Block, Engine, SparseEngine, Team, make_blocks, matrix_bytes
+from .kernels import Block, Engine, SparseEngine, make_blocks, matrix_bytes
+from .team import Team
 
 _T = TypeVar("_T")
 
