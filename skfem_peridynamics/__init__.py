@@ -14,6 +14,7 @@ from .bonds.rules import PairRule
 from .geometry.layers import boundary_function, collar, region
 from .geometry.slit import Crack, slit
 from .material.calibration import Elastic, Material
+from .material.composite import Composite
 from .material.influence import Influence, conical, constant, gaussian
 from .material.own import Scalars, own_potential
 from .material.potential import Exponential, Linear, Potential, Rational
@@ -35,6 +36,7 @@ __all__ = [
     "BallRule",
     "BondBasis",
     "Census",
+    "Composite",
     "Crack",
     "Damage",
     "Elastic",

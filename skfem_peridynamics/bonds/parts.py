@@ -101,6 +101,11 @@ class PairPart:
         """Return a field of samples at y, (nbonds,)."""
         return field[self.first + self.ends[:, 1]]
 
+    def holders(self, at_samples: Longs, in_elements: Longs) -> tuple[Longs, Longs]:
+        """Return marks at x and at y, each (nbonds,): of samples, and where an end is none, of its element."""
+        ends = self.ends + np.int32(self.first)
+        return at_samples[ends[:, 0]], at_samples[ends[:, 1]]
+
 
 @dataclass(frozen=True, eq=False)
 class Fan:
@@ -211,6 +216,10 @@ class BallPart:
         corners = field[self.fan.corners].take(self.element.ravel(), axis=0)
         value: Floats = np.einsum("nk,nk->n", corners, self.barycentric())
         return value
+
+    def holders(self, at_samples: Longs, in_elements: Longs) -> tuple[Longs, Longs]:
+        """Return marks at x and at y, each (nbonds,): of samples, and where an end is none, of its element."""
+        return np.repeat(at_samples[self.first + self.site], self.per_site), in_elements[self.element.ravel()]
 
 
 Part: TypeAlias = PairPart | BallPart

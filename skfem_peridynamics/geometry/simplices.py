@@ -79,15 +79,18 @@ def _determinant(columns: list[Floats]) -> Floats:
     return out
 
 
-def vertex_volumes(mesh: Mesh) -> Floats:
+def vertex_volumes(mesh: Mesh, density: Floats | None = None) -> Floats:
     """Return the integral of each hat function: an equal share of every element at its vertices, (nvertices,).
+
+    With a ``density``, one for each element, it is the integral of that times each hat function.
 
     >>> import skfem
     >>> vertex_volumes(skfem.MeshLine(np.array([0.0, 1.0, 3.0]))).tolist()
     [0.5, 1.5, 1.0]
     """
     corners = mesh.t.shape[0]
-    share = np.broadcast_to(element_volumes(mesh) / corners, mesh.t.shape)
+    volume = element_volumes(mesh) if density is None else density * element_volumes(mesh)
+    share = np.broadcast_to(volume / corners, mesh.t.shape)
     return np.asarray(np.bincount(mesh.t.ravel(), share.ravel(), mesh.nvertices), dtype=float)
 
 

@@ -11,24 +11,36 @@ from .._types import Basis, Csr, Floats
 from ..geometry.simplices import vertex_volumes
 
 
-def mass_matrix(basis: Basis, *, density: float = 1.0, kind: str = "lumped") -> Csr:
+def mass_matrix(basis: Basis, *, density: float | Floats = 1.0, kind: str = "lumped") -> Csr:
     """Return ``rho (phi_i, phi_j)`` as csr: ``"lumped"`` (row sums, diagonal) or ``"consistent"`` (scikit-fem's).
+
+    ``density`` is a number, or one for each element, (nelements,).
 
     >>> import skfem
     >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 3)), skfem.ElementVector(skfem.ElementLineP1()))
     >>> mass_matrix(basis, density=2.0).diagonal().tolist()
     [0.5, 1.0, 0.5]
     """
-    if not (np.isfinite(density) and density > 0.0):
-        raise ValueError(f"density = {density} must be a positive number")
+    mesh = basis.mesh
+    rho = np.asarray(density, dtype=float)
+    if rho.ndim and rho.shape != (mesh.nelements,):
+        raise ValueError(f"density has shape {rho.shape}; the mesh has {mesh.nelements} elements")
+    wrong = np.flatnonzero(~((rho > 0.0) & np.isfinite(rho)))
+    if len(wrong):
+        which = f" of element {wrong[0]}" if rho.ndim else ""
+        raise ValueError(f"density{which} = {rho.ravel()[wrong[0]]} must be a positive number")
     if kind == "lumped":
-        return sparse.csr_matrix(sparse.diags(density * np.repeat(vertex_volumes(basis.mesh), basis.mesh.dim())))
+        m = vertex_volumes(mesh, rho) if rho.ndim else float(rho) * vertex_volumes(mesh)
+        return sparse.csr_matrix(sparse.diags(np.repeat(m, mesh.dim())))
     if kind != "consistent":
         raise ValueError(f'kind = {kind!r} must be "lumped" or "consistent"')
     from skfem import BilinearForm
     from skfem.helpers import dot
 
-    return sparse.csr_matrix(density * BilinearForm(lambda u, v, w: dot(u, v)).assemble(basis))
+    if not rho.ndim:
+        return sparse.csr_matrix(float(rho) * BilinearForm(lambda u, v, w: dot(u, v)).assemble(basis))
+    tabulated = np.arange(mesh.nelements) if basis.tind is None else basis.tind
+    return sparse.csr_matrix(BilinearForm(lambda u, v, w: w.rho * dot(u, v)).assemble(basis, rho=rho[tabulated, None]))
 
 
 def interpolate(basis: Basis, function: Callable[[Floats], Floats]) -> Floats:

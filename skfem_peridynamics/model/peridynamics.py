@@ -14,18 +14,16 @@ import scipy.sparse as sparse
 from scipy.sparse.linalg import LinearOperator
 
 from .._compile import available
-from .._types import Bools, Csr, Floats, Longs
+from .._types import Csr, Floats, Longs
 from ..bonds.bond_basis import BondBasis
-from ..bonds.parts import Part
 from ..material.calibration import Elastic, Material
+from ..material.composite import Composite
 from ..material.potential import Linear, Potential
+from .allotment import allot
 from .kernels import Block, Engine, SparseEngine, make_blocks, matrix_bytes
 from .team import Team
 
 _T = TypeVar("_T")
-
-_ROUND_OFF = 1e-9  # P1 values below this do not count as use of a vertex
-
 
 MATRIX_MEMORY = 4e9  # bytes
 
@@ -39,7 +37,8 @@ class Peridynamics:
     first where they can be had. Both agree to round-off. ``matrix_memory`` is how many bytes may be kept for the
     operators: the measures of the bonds (compiled loops; made anew at every use where there is less, a fifth slower) or
     their strain matrices (SciPy; some ten times slower). ``material`` may also be a
-    :class:`~skfem_peridynamics.material.potential.Potential` given directly. Arguments and results of the operators
+    :class:`~skfem_peridynamics.material.potential.Potential` given directly, or a
+    :class:`~skfem_peridynamics.material.composite.Composite` of several. Arguments and results of the operators
     are vectors (N,) numbered as the basis numbers them.
 
     >>> import skfem
@@ -53,7 +52,7 @@ class Peridynamics:
     """
 
     bonds: BondBasis
-    material: Material | Potential
+    material: Material | Potential | Composite
     no_fail: npt.ArrayLike | None = None
     threads: int | None = None
     matrix_memory: float = MATRIX_MEMORY
@@ -73,17 +72,31 @@ class Peridynamics:
         """Whether the force is the gradient of the energy, and the stiffness symmetric."""
         return self.bonds.rule.symmetric
 
-    @cached_property
+    @property
     def law(self) -> Potential:
-        """The calibrated potential of these bonds."""
+        """The calibrated potential of these bonds. Raises ``ValueError`` where there are several: see ``laws``."""
+        if len(self.laws) > 1:
+            raise ValueError(f"a body of {len(self.laws)} materials has as many laws: see laws")
+        return self.laws[0]
+
+    @cached_property
+    def laws(self) -> tuple[Potential, ...]:
+        """The calibrated potentials of the materials, in the order of a composite; one for a body of one material."""
         if isinstance(self.material, Potential):
-            return self.material
-        return self.material.law(self.bonds.dim, *self._moments)
+            return (self.material,)
+        if isinstance(self.material, Material):
+            return (self.material.law(self.bonds.dim, *self._moments),)
+        return self.material.laws(self.bonds.dim, *self._moments)
+
+    @property
+    def linear(self) -> bool:
+        """Whether no bond ever softens."""
+        return all(isinstance(block.law, Linear) for block in self.blocks)
 
     @property
     def _moments(self) -> tuple[float, float]:
         """The moments ``M_d`` for strains and for cracks, exact or of these bonds."""
-        if isinstance(self.material, Material) and self.material.calibrate == "discrete":
+        if not isinstance(self.material, Potential) and self.material.calibrate == "discrete":
             return self.bonds.discrete_moments
         return self.bonds.moment, self.bonds.moment
 
@@ -97,15 +110,9 @@ class Peridynamics:
     @cached_property
     def blocks(self) -> list[Block]:
         """The bonds in computing form, those that can fail first."""
-        bonds, keep, store = self.bonds, self._fits and not self.compiles, self._fits or not self.compiles
-        if self.no_fail is None:
-            return list(make_blocks(bonds, [(self.law, lambda part: None)], keep, store))
-        marked = self._spared_samples
-        laws: list[tuple[Potential, Callable[[Part], Longs]]] = [
-            (self.law, lambda part: np.flatnonzero(~_touches(part, marked))),
-            (Linear(self.law.slope), lambda part: np.flatnonzero(_touches(part, marked))),
-        ]
-        return list(make_blocks(bonds, laws, keep, store))
+        composite = self.material if isinstance(self.material, Composite) else None
+        keep, store = self._fits and not self.compiles, self._fits or not self.compiles
+        return list(make_blocks(self.bonds, allot(self.bonds, self.laws, composite, self.no_fail), keep, store))
 
     @property
     def _fits(self) -> bool:
@@ -114,17 +121,6 @@ class Peridynamics:
         if self.compiles:
             return 8.0 * bonds.nbonds <= self.matrix_memory
         return sum(matrix_bytes(part.nbonds, bonds.dim, type(part)) for part in bonds.parts) <= self.matrix_memory
-
-    @property
-    def _spared_samples(self) -> Floats:
-        """1 at the samples that use a no-fail vertex, else 0."""
-        listed = np.asarray(self.no_fail)
-        nvertices = self.bonds.mesh.nvertices
-        if listed.dtype.kind not in "iu" or not listed.size or listed.min() < 0 or listed.max() >= nvertices:
-            raise ValueError(f"no_fail must list vertices, numbers from 0 to {nvertices - 1}, and not be empty")
-        marked = np.zeros(nvertices)
-        marked[listed] = 1.0
-        return (self.bonds.samples.take(marked) > 0.0).astype(float)
 
     @cached_property
     def team(self) -> Team:
@@ -179,7 +175,7 @@ class Peridynamics:
 
     def tangent(self, u: Floats) -> Csr:
         """Return minus the gradient of the force at u, scipy csr (N, N); indefinite once bonds soften."""
-        return self._assemble(self._hessians(u))
+        return self._assemble(self.hessians(u))
 
     def stiffness_operator(self) -> LinearOperator:
         """Return ``a_l`` as a matrix-free operator."""
@@ -187,9 +183,10 @@ class Peridynamics:
 
     def tangent_operator(self, u: Floats) -> LinearOperator:
         """Return minus the gradient of the force at u as a matrix-free operator; it stores one number per bond."""
-        return self._operator(self._hessians(u))
+        return self._operator(self.hessians(u))
 
-    def _hessians(self, u: Floats) -> list[Floats]:
+    def hessians(self, u: Floats) -> list[Floats]:
+        """Return the second derivatives of the energies of all bonds by their scaled strain T, one array a block."""
         return list(self.each_block(u, lambda block, T: block.k * block.law.hessian(T)))
 
     def _operator(self, weights: Sequence[Floats] | None) -> LinearOperator:
@@ -232,11 +229,6 @@ class Peridynamics:
             P = sparse.kron(P[:, vertices], sparse.identity(dim), format="csr")
             B, XT = B @ P, P.T @ XT
         return (vertices[:, None].astype(np.int64) * dim + np.arange(dim)).ravel(), B, XT
-
-
-def _touches(part: Part, marked: Floats) -> Bools:
-    """Which bonds have an end where the marked samples are."""
-    return (part.near(marked) > 0.0) | (part.far(marked) > _ROUND_OFF)
 
 
 def _csr(rows: list[Longs], cols: list[Longs], values: list[Floats], size: int) -> Csr:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, inf, isfinite, nan, sqrt
 
@@ -9,10 +10,10 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator, eigs, eigsh
 
-from .._types import Csr, Floats
-from ..geometry.simplices import element_volumes
+from .._types import Floats
+from ..geometry.simplices import vertex_volumes
 from ..material.influence import as_influence
-from ..model.kernels import Block
+from ..model.held import held_stiffness
 from ..model.peridynamics import Peridynamics
 from .mass_solver import Lumped, MassSolver, mass_solver
 
@@ -71,61 +72,45 @@ class StepLimit:
 def closed_form(body: Peridynamics, density: float) -> float:
     """Return ``8 f'(0) Jbar_1 / (rho d horizon^2)``: d times sharper than the paper's; infinite in 1D.
 
-    It bounds the exact integrals of any mesh, whatever h.
+    It bounds the exact integrals of any mesh, whatever h. Of several materials the stiffest and the smallest
+    ``density`` count.
     """
     bonds = body.bonds
     mean = as_influence(bonds.influence).mean_inverse_power(1.0, bonds.dim)
-    return 8.0 * body.law.slope * mean / (density * bonds.dim * bonds.horizon**2)
+    return 8.0 * max(law.slope for law in body.laws) * mean / (density * bonds.dim * bonds.horizon**2)
 
 
-def nodal_bounds(body: Peridynamics, m: Floats) -> tuple[float, float]:
+def nodal_bounds(body: Peridynamics, m: Floats, weights: Sequence[Floats] | None = None) -> tuple[float, float]:
     """Return the guaranteed nodal bound and the row-sum estimate for a lumped mass, from one pass over the bonds.
 
     With ``A_i`` the stiffness that all bonds of vertex i hang on it, by P1 values, and ``m_i`` its mass (one per
     component), they are the maxima over the vertices of ``2 lam_max`` and of ``2 trace`` of ``m_i^-1/2 A_i m_i^-1/2``.
     For a directed rule, whose stiffness is not symmetric, the trace of what acts on x bounds the norm of its rows.
+    ``weights`` are those of another state than rest, none of them negative.
     """
-    samples, dim = body.bonds.samples, body.bonds.dim
-    A = np.zeros((samples.nsamples, dim * dim))
-
-    def hung(block: Block) -> Floats:
-        p = block.directions()
-        weight = 2.0 * block.law.slope * block.k
-        C = block.incidence(1.0)
-        if not body.symmetric:
-            C, weight = _only_x(C), 2.0 * weight
-        what: Floats = C.T @ (weight[:, None] * np.einsum("na,nb->nab", p, p).reshape(len(p), -1))
-        return what
-
-    for block, part in zip(body.blocks, body.team.map(hung, body.blocks), strict=True):
-        A[block.window] += part
-    held = samples.spread(A).reshape(-1, dim, dim)
-    scale = 1.0 / np.sqrt(m.reshape(-1, dim))
-    held = held * scale[:, :, None] * scale[:, None, :]
+    scale = 1.0 / np.sqrt(m.reshape(-1, body.bonds.dim))
+    held = held_stiffness(body, weights) * scale[:, :, None] * scale[:, None, :]
     trace = float(2.0 * np.trace(held, axis1=1, axis2=2).max())
     if not body.symmetric:
         return trace, trace
     return float(2.0 * np.linalg.eigvalsh(held)[:, -1].max()), trace
 
 
-def _only_x(C: Csr) -> Csr:
-    """The first entry of each row of an incidence matrix: the end x."""
-    first = C.indptr[:-1]
-    return sparse.csr_matrix((C.data[first], C.indices[first], np.arange(C.shape[0] + 1)), shape=C.shape)
-
-
-def largest_eigenvalue(body: Peridynamics, mass: MassSolver, tolerance: float) -> tuple[float, float, int]:
+def largest_eigenvalue(
+    body: Peridynamics, mass: MassSolver, tolerance: float, u: Floats | None = None
+) -> tuple[float, float, int]:
     """Return Ritz value, residual norm and number of products for the largest eigenvalue of ``K x = lam M x``.
 
-    Matrix-free Lanczos (SciPy's eigsh; Arnoldi, eigs, for a directed rule), small problems by their whole spectrum.
+    K is the stiffness at rest, or the tangent at u. Matrix-free Lanczos (SciPy's eigsh; Arnoldi, eigs, for a directed
+    rule), small problems by their whole spectrum.
     """
     size, symmetric = mass.size, body.symmetric
     if size <= _DENSE:
-        K = body.stiffness().toarray()
+        K = (body.stiffness() if u is None else body.tangent(u)).toarray()
         lam = np.linalg.eigvals(np.stack([mass.solve(column) for column in K.T], axis=1))
         # a dense M^-1 K that is similar to a symmetric matrix has real eigenvalues but for round-off
         return float(np.abs(lam).max()), float(np.abs(lam).max() * size * np.finfo(float).eps), 0
-    K = body.stiffness_operator()
+    K = body.stiffness_operator() if u is None else body.tangent_operator(u)
     count = 0
 
     def apply(x: Floats) -> Floats:
@@ -161,11 +146,14 @@ def largest_eigenvalue(body: Peridynamics, mass: MassSolver, tolerance: float) -
     return float(value[0]), norm / float(np.sqrt(x @ mass.times(x))), count
 
 
-def stable_time_step(body: Peridynamics, M: sparse.spmatrix, *, tolerance: float = 5e-3) -> StepLimit:
+def stable_time_step(
+    body: Peridynamics, M: sparse.spmatrix, *, tolerance: float = 5e-3, u: Floats | None = None
+) -> StepLimit:
     """Return the largest stable step of the linearised model on this mesh, with all its estimates.
 
     The paper's condition is ``dt^2/4 sup a_l(u,u)/(u,u) <= 1``. For laws with ``f'' <= 0`` the tangent never exceeds
-    its value at rest, so the limit serves the whole nonlinear run.
+    its value at rest, so the limit serves the whole nonlinear run. With ``u`` it is that of the tangent there, for laws
+    that stiffen, and for the part of a run that comes after something stiff has broken.
 
     ``M`` is the lumped or the consistent mass of the scheme; ``tolerance`` is relative, for the eigenvalue; the
     default costs 40 products as a rule, and with the margin 0.5 % of the step at most.
@@ -180,14 +168,15 @@ def stable_time_step(body: Peridynamics, M: sparse.spmatrix, *, tolerance: float
     """
     mass = mass_solver(M, np.empty(0, dtype=np.int64))
     lumped = np.asarray(M.sum(axis=1)).ravel() if not isinstance(M, np.ndarray) else M
-    nodal, row_sum = nodal_bounds(body, lumped)
+    weights = None if u is None else [np.maximum(hessian, 0.0) for hessian in body.hessians(u)]
+    nodal, row_sum = nodal_bounds(body, lumped, weights)
     if not nodal > 0.0:
         raise ValueError("no bond has any stiffness: there is no stable step to compute")
     if not isinstance(mass, Lumped):
         # M is at least the lumped mass over d + 2 (Wathen); nothing is known where K is not symmetric
         nodal = nodal * (body.bonds.dim + 2) if body.symmetric else inf
-    value, residual, products = largest_eigenvalue(body, mass, tolerance)
+    value, residual, products = largest_eigenvalue(body, mass, tolerance, u)
     if not isfinite(value) and not isfinite(nodal):
         raise ValueError("the largest eigenvalue did not converge and no bound is known: give the step yourself")
-    density = float(lumped.sum()) / (body.bonds.dim * float(element_volumes(body.bonds.mesh).sum()))
+    density = float((lumped.reshape(-1, body.bonds.dim)[:, 0] / vertex_volumes(body.bonds.mesh)).min())
     return StepLimit(value, residual, nodal, row_sum, closed_form(body, density), products)
