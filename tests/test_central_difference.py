@@ -275,7 +275,7 @@ def test_momentum_of_a_free_body_is_kept():
         ({"until": np.inf}, "until = inf must be a time"),
         ({"u0": np.array([0.0, np.nan])}, r"u0\[1\] = nan is not finite \(1 of 2 values are not\)"),
         ({"v0": np.array([np.inf, 0.0])}, r"v0\[0\] = inf is not finite"),
-        ({"u0": np.zeros(3)}, r"u0 has shape \(3,\); the mass matrix has 2 degrees of freedom"),
+        ({"u0": np.zeros(3)}, r"u0 has shape \(3,\); the body has 2 degrees of freedom"),
         (
             {"fixed": [Prescribed([5], displacement=0.0)]},
             "a prescribed degree of freedom, 5, is not among the 2",
@@ -336,7 +336,7 @@ def test_a_load_may_fill_the_same_array_each_time():
 @pytest.mark.parametrize(
     ("load", "message"),
     [
-        (lambda t: np.zeros((2, 1)), r"load\(0\) has shape \(2, 1\); the mass matrix has 2"),
+        (lambda t: np.zeros((2, 1)), r"load\(0\) has shape \(2, 1\); the body has 2"),
         (lambda t: 1.0, r"load\(0\) has shape \(\)"),
         (lambda t: np.array([0.0, np.nan if t > 0.45 else 0.0]), r"load\(0.5\) has 1 values that are not finite"),
     ],

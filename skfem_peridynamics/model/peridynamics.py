@@ -171,11 +171,11 @@ class Peridynamics:
 
     def stiffness(self) -> Csr:
         """Return the matrix of ``a_l`` (paper, section 4.3), scipy csr (N, N); symmetric when the rule is."""
-        return self._assemble([2.0 * block.law.slope * block.k for block in self.blocks])
+        return self.assemble([2.0 * block.law.slope * block.k for block in self.blocks])
 
     def tangent(self, u: Floats) -> Csr:
         """Return minus the gradient of the force at u, scipy csr (N, N); indefinite once bonds soften."""
-        return self._assemble(self.hessians(u))
+        return self.assemble(self.hessians(u))
 
     def stiffness_operator(self) -> LinearOperator:
         """Return ``a_l`` as a matrix-free operator."""
@@ -198,7 +198,7 @@ class Peridynamics:
             (size, size), matvec=apply, rmatvec=lambda x: apply(x, transposed=True), dtype=np.dtype(float)
         )
 
-    def _assemble(self, weights: Sequence[Floats]) -> Csr:
+    def assemble(self, weights: Sequence[Floats]) -> Csr:
         size = self.basis.N
         total = sparse.csr_matrix((size, size))
         rows, cols, values, held = [], [], [], 0

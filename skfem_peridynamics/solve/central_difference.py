@@ -11,6 +11,7 @@ import scipy.sparse as sparse
 from .._types import Floats, Load
 from .cfl import StepLimit
 from .constraints import Prescribed, check_fixed
+from .inputs import checked_load, initial_vector
 from .mass_solver import MassSolver, mass_solver
 from .state import State
 from .watch import Watch
@@ -61,8 +62,8 @@ def central_difference(
     return _steps(
         body,
         mass,
-        _initial(u0, size, "u0"),
-        _initial(v0, size, "v0"),
+        initial_vector(u0, size, "u0"),
+        initial_vector(v0, size, "v0"),
         dt,
         until,
         load,
@@ -71,28 +72,6 @@ def central_difference(
         watch,
         start,
     )
-
-
-def _initial(x: Floats | None, size: int, name: str) -> Floats:
-    if x is None:
-        return np.zeros(size)
-    x = np.array(x, dtype=float)
-    if x.shape != (size,):
-        raise ValueError(f"{name} has shape {x.shape}; the mass matrix has {size} degrees of freedom")
-    bad = np.flatnonzero(~np.isfinite(x))
-    if len(bad):
-        raise ValueError(f"{name}[{bad[0]}] = {x[bad[0]]} is not finite ({len(bad)} of {size} values are not)")
-    return x
-
-
-def _checked(b: Floats, size: int, t: float) -> Floats:
-    """The load as an array of our own: the caller may fill the same one each time."""
-    b = np.array(b, dtype=float)
-    if b.shape != (size,):
-        raise ValueError(f"load({t:g}) has shape {b.shape}; the mass matrix has {size} degrees of freedom")
-    if not np.isfinite(b).all():
-        raise ValueError(f"load({t:g}) has {np.count_nonzero(~np.isfinite(b))} values that are not finite")
-    return b
 
 
 def _steps(
@@ -115,7 +94,7 @@ def _steps(
 
     def accelerate(step: int) -> tuple[Floats, Floats | None]:
         """Acceleration at a step from force and load; prescribed degrees of freedom follow their own motion."""
-        b = None if load is None else _checked(load(at(step)), size, at(step))
+        b = None if load is None else checked_load(load(at(step)), size, at(step))
         total = body.force(u)
         if b is not None:
             total = total + b

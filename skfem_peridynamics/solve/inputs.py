@@ -1,0 +1,30 @@
+"""Vectors that users give, checked once: initial values and loads."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .._types import Floats
+
+
+def initial_vector(x: Floats | None, size: int, name: str) -> Floats:
+    """Return an array of our own, zeros for None. Raises ``ValueError`` for another length and what is not finite."""
+    if x is None:
+        return np.zeros(size)
+    x = np.array(x, dtype=float)
+    if x.shape != (size,):
+        raise ValueError(f"{name} has shape {x.shape}; the body has {size} degrees of freedom")
+    bad = np.flatnonzero(~np.isfinite(x))
+    if len(bad):
+        raise ValueError(f"{name}[{bad[0]}] = {x[bad[0]]} is not finite ({len(bad)} of {size} values are not)")
+    return x
+
+
+def checked_load(b: Floats, size: int, t: float) -> Floats:
+    """Return the load as an array of our own: the caller may fill the same one each time."""
+    b = np.array(b, dtype=float)
+    if b.shape != (size,):
+        raise ValueError(f"load({t:g}) has shape {b.shape}; the body has {size} degrees of freedom")
+    if not np.isfinite(b).all():
+        raise ValueError(f"load({t:g}) has {np.count_nonzero(~np.isfinite(b))} values that are not finite")
+    return b

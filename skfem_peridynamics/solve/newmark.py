@@ -1,0 +1,230 @@
+"""Newmark's method: implicit steps that resolve what moves slowly and need not resolve what is stiff."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sparse
+
+from .._types import Floats, Load, Longs
+from ..model.held import held_stiffness
+from ..model.peridynamics import Peridynamics
+from .cfl import StepLimit
+from .constraints import Prescribed, check_fixed
+from .inputs import checked_load, initial_vector
+from .mass_solver import MassSolver, mass_solver
+from .newton import Effort, NotConverged, Objective, minimise
+from .preconditioner import Preconditioner
+from .state import State
+from .watch import Watch
+
+CUTS = 10  # times a step may be cut in half
+_MOST = 25  # iterations of Newton's method before it is
+
+
+def newmark(
+    body: Peridynamics,
+    M: sparse.spmatrix | Floats,
+    u0: Floats | None = None,
+    v0: Floats | None = None,
+    *,
+    dt: float,
+    until: float,
+    beta: float = 0.25,
+    gamma: float = 0.5,
+    load: Load | None = None,
+    fixed: Sequence[Prescribed] = (),
+    limit: StepLimit | None = None,
+    watch: int = 100,
+    start: State | None = None,
+    tolerance: float = 1e-9,
+    linear: str = "auto",
+    effort: Effort | None = None,
+) -> Iterator[State]:
+    """Step ``M u'' = force(u) + load(t)`` implicitly; the arguments are those of :func:`central_difference`, and more.
+
+    Each step is the minimum of the energy plus inertia, found by Newton's method on the exact tangent, applied bond by
+    bond, to ``tolerance`` of the forces. ``linear`` names what its linear solves are preconditioned with: ``"blocks"``
+    of vertices, ``"amg"`` (a pyamg cycle that knows the rigid motions), ``"direct"`` (a sparse factor of the system at
+    rest), or ``"auto"``. Where Newton fails the step is cut in half, and grown again once it is easy; the states tell
+    the step they were made with. ``(beta, gamma) = (1/4, 1/2)`` is stable at any step for the linear model and keeps
+    its energy; ``gamma > 1/2`` damps what the step does not resolve, to first order in dt. ``effort`` is added to.
+
+    Raises ``ValueError`` for ``beta <= 0`` (that is central difference), ``gamma < 1/2`` (it grows at any step) and
+    one-sided rules, whose force is the gradient of no energy; :class:`NotConverged`, with the last state, when the
+    step is cut to a thousandth; :class:`UnstableRun` when energy comes from nowhere.
+
+    >>> import skfem
+    >>> from skfem_peridynamics import BondBasis, Linear, mass_matrix, stable_time_step
+    >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 41)), skfem.ElementVector(skfem.ElementLineP1()))
+    >>> body = Peridynamics(BondBasis(basis, horizon=0.1), Linear(slope=1.0))
+    >>> M, u0 = mass_matrix(basis), 1e-3 * np.cos(np.pi * basis.mesh.p[0])
+    >>> dt = 1000 * stable_time_step(body, M).dt
+    >>> energy = [state.energies.total for state in newmark(body, M, u0, dt=dt, until=20 * dt)]
+    >>> max(abs(e / energy[0] - 1) for e in energy) < 1e-6
+    True
+    """
+    size = M.shape[0]
+    for name, value in (("beta", beta), ("gamma", gamma), ("dt", dt), ("until", until), ("tolerance", tolerance)):
+        if not np.isfinite(value):
+            raise ValueError(f"{name} = {value} must be a finite number")
+    if not beta > 0.0:
+        raise ValueError(f"beta = {beta} must be positive; central_difference is the method of beta = 0, gamma = 1/2")
+    if not gamma >= 0.5:
+        raise ValueError(f"gamma = {gamma} must be at least 1/2: with less, every motion grows")
+    if not dt > 0.0:
+        raise ValueError(f"dt = {dt} must be a positive time")
+    if not 0.0 < tolerance < 1.0:
+        raise ValueError(f"tolerance = {tolerance} must be between 0 and 1")
+    if not body.symmetric:
+        raise ValueError(
+            f"rule = {body.bonds.rule.name}: its force is the gradient of no energy, and implicit steps minimise one; "
+            "take a symmetric rule"
+        )
+    u, v = initial_vector(u0, size, "u0"), initial_vector(v0, size, "v0")
+    prescribed = check_fixed(fixed, size)
+    free = np.setdiff1d(np.arange(size), prescribed)
+    noise = np.repeat(np.trace(held_stiffness(body), axis1=1, axis2=2), body.bonds.dim)
+    step = _Step(
+        *(body, mass_solver(M, prescribed), Preconditioner(body, M, free, linear), fixed, prescribed, noise),
+        *(beta, gamma, tolerance, effort if effort is not None else Effort()),
+    )
+    return _steps(step, u, v, dt, until, load, limit, watch, start)
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """One implicit step."""
+
+    body: Peridynamics
+    mass: MassSolver
+    inverse: Preconditioner
+    fixed: Sequence[Prescribed]
+    prescribed: Longs
+    noise: Floats
+    beta: float
+    gamma: float
+    tolerance: float
+    effort: Effort
+
+    def begin(self, dt: float, u: Floats, v: Floats, b: Floats | None) -> Floats:
+        """Put prescribed values into u and v at t = 0; return the acceleration there."""
+        given = np.zeros(len(u))
+        for one in self.fixed:
+            place = one.start(0.0)
+            if place is not None:
+                u[one.dofs] = place
+            v[one.dofs] = one.mean_velocity(0.0, dt)
+        total = self.body.force(u) if b is None else self.body.force(u) + b
+        a = self.mass.solve(total - self.mass.times(given))
+        a[self.prescribed] = 0.0
+        return a
+
+    def take(self, t: float, dt: float, u: Floats, v: Floats, a: Floats, b: Floats | None) -> tuple[Floats, ...]:
+        """Return displacement, velocity and acceleration a step after t, where the load is b."""
+        beta, gamma, fixed = self.beta, self.gamma, self.prescribed
+        shift = 1.0 / (beta * dt**2)
+        centre = u + dt * v + (0.5 - beta) * dt**2 * a
+        u1, v1, a1 = u.copy(), v.copy(), a.copy()
+        for one in self.fixed:
+            before, after = one.mean_velocity(t, t + dt), one.mean_velocity(t + dt, t + 2.0 * dt)
+            u1[one.dofs] += dt * before
+            v1[one.dofs], a1[one.dofs] = 0.5 * (before + after), (after - before) / dt
+        centre[fixed] = u1[fixed] - a1[fixed] / shift  # their inertia is then what it is
+        noise = self.noise + shift * self.mass.times(np.ones(len(u)))
+        objective = Objective(self.body, self.inverse.free, noise, b, shift, self.mass, centre)
+        coasting = u + dt * v
+        coasting[fixed] = u1[fixed]
+        # from where it is, or from where it would be on its own: a wild guess breaks bonds
+        guess = min(u1, coasting, key=lambda one: objective.value(one)[0])
+        found = minimise(objective, guess, self.inverse, tolerance=self.tolerance, effort=self.effort, most=_MOST)
+        accelerated = shift * (found - centre)
+        velocity = v + dt * ((1.0 - gamma) * a + gamma * accelerated)
+        velocity[fixed], accelerated[fixed] = v1[fixed], a1[fixed]
+        return found, velocity, accelerated
+
+    def reaction(self, u: Floats, a: Floats, b: Floats | None) -> Floats:
+        """Return what holds or moves the prescribed degrees of freedom; 0 elsewhere."""
+        out = np.zeros(len(u))
+        if len(self.prescribed):
+            total = self.mass.times(a) - self.body.force(u)
+            out[self.prescribed] = (total if b is None else total - b)[self.prescribed]
+        return out
+
+
+def _steps(
+    step: _Step,
+    u: Floats,
+    v: Floats,
+    dt: float,
+    until: float,
+    load: Load | None,
+    limit: StepLimit | None,
+    watch: int,
+    start: State | None,
+) -> Iterator[State]:
+    whole = 1 << CUTS  # ticks of a whole step
+    ticks, cuts, count = 0, 0, 0
+
+    def at(ticks: int) -> float:
+        return ticks // whole * dt + ticks % whole * (dt / whole)
+
+    def pull(t: float) -> Floats | None:
+        return None if load is None else checked_load(load(t), len(u), t)
+
+    b = pull(0.0 if start is None else start.t)
+    if start is None:
+        a, work = step.begin(dt, u, v, b), 0.0
+        initial = 0.5 * float(v @ step.mass.times(v)) + step.body.energy(u)
+    else:
+        ticks, cuts = round(start.t / dt * whole), round(np.log2(dt / start.dt))
+        if abs(at(ticks) - start.t) > 1e-9 * dt or not 0 <= cuts <= CUTS or dt / 2**cuts != start.dt:
+            raise ValueError(f"dt = {dt}: the state to start from was made with dt = {start.dt} at t = {start.t:g}")
+        u, v, a = start.u.copy(), start.v.copy(), start.a.copy()
+        work, initial, count = start.work, start.initial, start.step
+    held = step.reaction(u, a, b)
+    guard = Watch(watch, limit, abs(initial), implicit=True)
+
+    def state() -> State:
+        views = [x.view() for x in (u, v, a)]
+        for x in views:
+            x.flags.writeable = False
+        made_with = dt / 2**cuts
+        return State(
+            at(ticks), count, made_with, views[0], views[1], views[2], work, initial, 0.0, step.body, step.mass
+        )
+
+    now = state()
+    if start is None:
+        yield now
+    end = until * (1.0 - 1e-12)
+    while at(ticks) < end:
+        # a step that was cut grows again at the end of the one it was cut from twice
+        while cuts and count and ticks % (whole >> max(cuts - 2, 0)) == 0:
+            cuts -= 1
+        while True:
+            t, part = at(ticks), whole >> cuts
+            b1 = pull(at(ticks + part))
+            try:
+                with np.errstate(over="ignore", invalid="ignore"):
+                    u1, v, a = step.take(t, dt / 2**cuts, u, v, a, b1)
+                break
+            except NotConverged as error:
+                if cuts == CUTS:
+                    raise NotConverged(
+                        f"the step at t = {t:.6g} was cut from {dt:.6g} to {dt / 2**cuts:.6g}, and still: {error}",
+                        now.copy(),
+                    ) from None
+                cuts += 1
+        ticks, count = ticks + part, count + 1
+        pulled = step.reaction(u1, a, b1)
+        work += 0.5 * float((held + pulled) @ (u1 - u))
+        if b is not None and b1 is not None:
+            work += 0.5 * float((b + b1) @ (u1 - u))
+        u, b, held = u1, b1, pulled
+        now = state()
+        if guard.due(count, last=at(ticks) >= end):
+            guard.look(now)
+        yield now

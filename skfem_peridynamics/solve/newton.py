@@ -1,0 +1,225 @@
+"""Newton's method for equilibria and implicit steps: a minimum of an energy, on its exact Hessian.
+
+An equilibrium makes ``PD(u) - b.u`` stationary, a Newmark step that plus the inertia ``shift/2 |u - centre|^2`` in the
+norm of the mass. Bonds that soften make the Hessian indefinite. SciPy's conjugate gradients then stop at the first
+direction of negative curvature, and the line search goes down along it; it also keeps Newton from running uphill to a
+state that is stationary and no minimum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator, cg
+
+from .._types import Floats, Longs
+from ..model.peridynamics import Peridynamics
+from .mass_solver import MassSolver
+from .preconditioner import Preconditioner
+
+_EPS = float(np.finfo(float).eps)
+MOST = 60  # iterations of Newton's method
+_INNER = 3000  # products of one linear solve
+_SLOW = 40  # products after which the preconditioner is made anew
+_SUFFICIENT, _CURVATURE = 1e-4, 0.9  # of the line search
+
+
+class NotConverged(RuntimeError):
+    """No equilibrium or no end of an implicit step was found; ``state`` is the last one that was, a copy."""
+
+    def __init__(self, message: str, state: Any = None) -> None:
+        super().__init__(message)
+        self.state = state
+
+
+@dataclass(frozen=True, eq=False)
+class Objective:
+    """``PD(u) - load.u + shift/2 (u - centre).M (u - centre)``, its gradient and Hessian on the ``free`` unknowns.
+
+    ``noise`` (N,) is what round-off makes of a force per unit of displacement.
+    """
+
+    body: Peridynamics
+    free: Longs
+    noise: Floats
+    load: Floats | None = None
+    shift: float = 0.0
+    mass: MassSolver | None = None
+    centre: Floats | None = None
+
+    def value(self, u: Floats) -> tuple[float, float]:
+        """Return the value, and the sum of what it was made of, for its round-off."""
+        parts = [self.body.energy(u)]
+        if self.load is not None:
+            parts.append(-float(self.load @ u))
+        if self.mass is not None and self.centre is not None:
+            d = u - self.centre
+            parts.append(0.5 * self.shift * float(d @ self.mass.times(d)))
+        return sum(parts), sum(map(abs, parts))
+
+    def gradient(self, u: Floats) -> tuple[Floats, float]:
+        """Return the gradient at the free unknowns, and the size of the forces it is a difference of."""
+        force = self.body.force(u)
+        g, sizes = -force, [float(np.linalg.norm(force))]
+        if self.load is not None:
+            g -= self.load
+            sizes.append(float(np.linalg.norm(self.load)))
+        if self.mass is not None and self.centre is not None:
+            inertia = self.shift * self.mass.times(u - self.centre)
+            g += inertia
+            sizes.append(float(np.linalg.norm(inertia)))
+        return g[self.free], max(sizes)
+
+    def floor(self, u: Floats) -> float:
+        """Round-off of the gradient at u: no residual can be told from 0 below it."""
+        extent = float(np.abs(u).max(initial=0.0))
+        if self.centre is not None:
+            extent = max(extent, float(np.abs(self.centre).max(initial=0.0)))
+        return _EPS * extent * float(np.linalg.norm(self.noise[self.free]))
+
+    def hessian(self, u: Floats) -> Callable[[Floats], Floats]:
+        """Return the product with the Hessian on the free unknowns."""
+        K = self.body.stiffness_operator() if self.body.linear else self.body.tangent_operator(u)
+        full = np.zeros(len(u))
+
+        def apply(x: Floats) -> Floats:
+            full[self.free] = x
+            y: Floats = K @ full
+            if self.mass is not None:
+                y = y + self.shift * self.mass.times(full)
+            return y[self.free]
+
+        return apply
+
+
+@dataclass
+class Effort:
+    """What solving has cost so far: Newton iterations, products with the Hessian, evaluations of the energy."""
+
+    iterations: int = 0
+    products: int = 0
+    evaluations: int = 0
+    negative: int = 0
+
+
+class _Negative(Exception):
+    """A direction of negative curvature."""
+
+
+def _descend(
+    apply: Callable[[Floats], Floats], g: Floats, inverse: LinearOperator, rtol: float, atol: float, effort: Effort
+) -> tuple[Floats, bool, int]:
+    """Return a direction of descent, whether it has negative curvature, and the products it took."""
+    found: list[Floats] = []
+    so_far: list[Floats] = [np.zeros_like(g)]
+    before = effort.products
+
+    def product(p: Floats) -> Floats:
+        effort.products += 1
+        Ap = apply(p)
+        if not float(p @ Ap) > 0.0 and p.any():
+            found.append(p.copy())
+            raise _Negative
+        return Ap
+
+    def keep(x: Floats) -> None:
+        so_far[0] = x
+
+    A = LinearOperator((len(g), len(g)), matvec=product, dtype=np.dtype(float))
+    try:
+        d, _ = cg(A, -g, rtol=rtol, atol=atol, maxiter=_INNER, M=inverse, callback=keep)
+    except _Negative:
+        effort.negative += 1
+        p = found[0]
+        x = so_far[0]
+        if not x.any():
+            return p, True, effort.products - before
+        # down along p as well, as far again as the positive part went
+        reach = float(np.linalg.norm(x) / np.linalg.norm(p))
+        return x + reach * p, True, effort.products - before
+    return d, False, effort.products - before
+
+
+def minimise(
+    objective: Objective, u: Floats, inverse: Preconditioner, *, tolerance: float, effort: Effort, most: int = MOST
+) -> Floats:
+    """Return a minimum of the objective near u; the unknowns that are not free stay as they are.
+
+    Converged is a gradient of ``tolerance`` times the forces it is the difference of, or round-off. Raises
+    :class:`NotConverged`.
+    """
+    free, linear = objective.free, objective.body.linear
+    u = u.copy()
+    if not len(free):
+        return u
+    value, parts = objective.value(u)
+    g, size = objective.gradient(u)
+    first = norm = float(np.linalg.norm(g))
+    for iteration in range(most + 1):
+        if not np.isfinite(value) or not np.isfinite(norm):
+            raise NotConverged("the forces are no longer finite")
+        goal = max(tolerance * size, objective.floor(u))
+        if norm <= goal:
+            return u
+        if iteration == most:
+            break
+        effort.iterations += 1
+        rtol = 0.0 if linear else min(0.1, float(np.sqrt(norm / first)) if first > 0.0 else 0.1)
+        apply = objective.hessian(u)
+        d, negative, cost = _descend(apply, g, inverse.at(objective.shift), rtol, 0.3 * goal, effort)
+        slope = float(g @ d)
+        if not slope < 0.0:  # round-off in a solve that has nothing left to gain
+            d = -(inverse.at(objective.shift) @ g)
+            slope = float(g @ d)
+        if cost > _SLOW and not linear:
+            inverse.renew(u)
+        u, value, parts, g, size = _search(objective, u, d, slope, value, parts, negative, effort)
+        norm = float(np.linalg.norm(g))
+    raise NotConverged(
+        f"Newton's method has not converged in {most} iterations: the residual is {norm:.3g}, forces are {size:.3g}"
+    )
+
+
+def _search(
+    objective: Objective,
+    u: Floats,
+    d: Floats,
+    slope: float,
+    value: float,
+    parts: float,
+    negative: bool,
+    effort: Effort,
+) -> tuple[Floats, float, float, Floats, float]:
+    """Return the next point along d with its value and gradient: far enough down, told apart from round-off."""
+    noise = 8.0 * _EPS * parts
+    length, best = 1.0, None
+    for _ in range(60):
+        trial = u.copy()
+        trial[objective.free] += length * d
+        now, its_parts = objective.value(trial)
+        effort.evaluations += 1
+        down = np.isfinite(now) and now <= value + _SUFFICIENT * length * slope
+        if best is not None and not (down and now < best[1]):
+            break
+        if down or (np.isfinite(now) and now <= value + noise):
+            g, size = objective.gradient(trial)
+            steep = float(g @ d)
+            # where the energies differ by round-off, their slopes tell
+            if down or abs(steep) <= _CURVATURE * abs(slope):
+                best = trial, now, its_parts, g, size
+            # where the curvature is negative there is more to gain
+            if best is not None and not (down and negative and steep < _CURVATURE * slope and length < 1e3):
+                break
+        if best is not None:
+            length *= 2.0
+            continue
+        # the lowest point of the parabola through what is known, between a tenth and a half
+        bend = now - value - slope * length
+        guess = -0.5 * slope * length**2 / bend if np.isfinite(bend) and bend > 0.0 else 0.0
+        length = min(0.5 * length, max(0.1 * length, guess))
+    if best is None:
+        raise NotConverged("no way down was found along the search direction")
+    return best
