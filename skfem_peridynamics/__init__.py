@@ -24,7 +24,10 @@ from .model.peridynamics import Peridynamics
 from .solve.central_difference import central_difference
 from .solve.cfl import StepLimit, stable_time_step
 from .solve.constraints import Prescribed
+from .solve.newmark import newmark
+from .solve.newton import Effort, NotConverged
 from .solve.state import Energies, State, load_state, save_state
+from .solve.static import Equilibrium, static
 from .solve.watch import UnstableRun
 
 if TYPE_CHECKING:
@@ -39,13 +42,16 @@ __all__ = [
     "Composite",
     "Crack",
     "Damage",
+    "Effort",
     "Elastic",
     "Energies",
+    "Equilibrium",
     "Exponential",
     "Frames",
     "Influence",
     "Linear",
     "Material",
+    "NotConverged",
     "PairRule",
     "Peridynamics",
     "Potential",
@@ -72,6 +78,7 @@ __all__ = [
     "layer_traction",
     "load_state",
     "mass_matrix",
+    "newmark",
     "own_potential",
     "project",
     "region",
@@ -79,6 +86,7 @@ __all__ = [
     "save_state",
     "slit",
     "stable_time_step",
+    "static",
     "traction",
 ]
 

@@ -18,7 +18,8 @@ MOST = 62  # materials: one bit of an integer each
 
 
 def _harmonic(values: Floats) -> float:
-    return float(len(values) / np.sum(1.0 / values))
+    inverse = float(np.mean(1.0 / values))
+    return 1.0 / inverse if inverse > 0.0 else float("inf")  # where no material ever fails
 
 
 MEANS: dict[str, Callable[[Floats], float]] = {

@@ -14,6 +14,8 @@ import numpy as np
 
 from .._types import Floats
 
+_LARGEST = 1e300  # that is squared nowhere
+
 
 @dataclass(frozen=True)
 class Potential:
@@ -22,7 +24,7 @@ class Potential:
     Derive from it and give ``f, df, d2f`` (arrays to arrays of the same shape) to use a law of your own.
 
     ``slope`` is ``f'(0)`` (a stress), ``limit`` is
-    ``f_inf`` (energy per area, as toughness). Raises ``ValueError`` unless both are positive.
+    ``f_inf`` (energy per area, as toughness). Raises ``ValueError`` unless both are positive, and their ratio a number.
     """
 
     slope: float
@@ -33,6 +35,11 @@ class Potential:
             raise ValueError(f"slope = {self.slope}: f'(0) must be positive and finite")
         if not self.limit > 0.0:
             raise ValueError(f"limit = {self.limit}: f_inf must be positive")
+        if np.isfinite(self.limit) and not 1.0 / _LARGEST <= self.b <= _LARGEST:
+            raise ValueError(
+                f"slope = {self.slope} and limit = {self.limit}: b = f'(0) / f_inf must lie between "
+                f"{1.0 / _LARGEST:g} and {_LARGEST:g}, for numbers end near there"
+            )
 
     @property
     def b(self) -> float:
@@ -118,11 +125,17 @@ class Exponential(Potential):
     0.125
     """
 
+    @cached_property
+    def _far(self) -> float:
+        """The q from which on exp(-b q) is 0: beyond it nothing is computed with, and nothing overflows."""
+        return min(750.0 / self.b, _LARGEST)
+
     def f(self, q: Floats) -> Floats:
-        return -self.limit * np.expm1(-self.b * q)
+        return -self.limit * np.expm1(-self.b * np.minimum(q, self._far))
 
     def df(self, q: Floats) -> Floats:
-        g = np.multiply(q, -self.b)
+        g = np.minimum(q, self._far)
+        g *= -self.b
         np.exp(g, out=g)
         g *= self.slope
         return g
@@ -154,19 +167,30 @@ class Rational(Potential):
     """
 
     def f(self, q: Floats) -> Floats:
-        z = self.b * np.minimum(q, 1e300 / max(self.b, 1.0))  # far out f is its limit: no infinity over infinity
-        return self.limit * z / (1.0 + z)
+        z = self.b * np.minimum(q, self._far)
+        return self.limit * (z / (1.0 + z))
+
+    @cached_property
+    def _far(self) -> float:
+        """The q beyond which nothing is computed with: b q stays a number, and f' and f'' have long been 0."""
+        return _LARGEST / max(self.b, 1.0)
+
+    def _root(self, q: Floats) -> Floats:
+        """``1 / (1 + b q)``"""
+        g = np.minimum(q, self._far)
+        g *= self.b
+        g += 1.0
+        return np.reciprocal(g, out=g)
 
     def df(self, q: Floats) -> Floats:
-        g = np.multiply(q, self.b)
-        g += 1.0
-        np.reciprocal(g, out=g)
+        g = self._root(q)
         g *= g
         g *= self.slope
         return g
 
     def d2f(self, q: Floats) -> Floats:
-        return -2.0 * self.b * self.slope / (1.0 + self.b * q) ** 3
+        g = self._root(q)
+        return g * g * g * (-2.0 * self.b * self.slope)
 
     @cached_property
     def inflection(self) -> float:

@@ -116,8 +116,10 @@ def stored(kind: int, slope: float, b: float, own: Any, W: Any, n: int) -> float
             total -= W[m + K] * np.expm1(-b * W[m + Q])
         total *= slope / b
     elif kind == RATIONAL:
+        far = 1e300 / max(b, 1.0)  # no infinity over infinity
         for m in range(n):
-            total += W[m + K] * (W[m + Q] / (1.0 + b * W[m + Q]))
+            q = min(W[m + Q], far)
+            total += W[m + K] * (q / (1.0 + b * q))
         total *= slope
     else:
         for m in range(n):

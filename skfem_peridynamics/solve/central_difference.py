@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from math import ceil
 from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sparse
 
 from .._types import Floats, Load
-from .cfl import StepLimit
+from ..model.peridynamics import Peridynamics
+from .cfl import StepLimit, TangentLimit
 from .constraints import Prescribed, check_fixed
 from .inputs import checked_load, initial_vector
 from .mass_solver import MassSolver, mass_solver
@@ -36,12 +38,17 @@ def central_difference(
     limit: StepLimit | None = None,
     watch: int = 100,
     start: State | None = None,
+    adapt: int = 0,
 ) -> Iterator[State]:
     """Step ``M u'' = force(u) + load(t)`` from t = 0 (or from ``start``) to ``until``; yield a state per step.
 
     The first state is the initial one. ``M`` is the lumped or the consistent mass, ``load(t)`` a vector (N,),
     ``fixed`` the prescribed motions. Every ``watch`` steps the energy balance is checked (0: never); ``limit`` only
-    serves the message. ``start`` continues an earlier run with the same bits.
+    serves the message. ``start`` continues an earlier run with the same bits. Every ``adapt`` steps (0: never) the
+    limit is estimated again from the tangent, and dt kept at most the same part of it: for laws of your own that
+    stiffen; it takes ``limit`` and a :class:`Peridynamics` with a symmetric rule. The step is never longer than ``dt``:
+    softened bonds that close again are stiff again (docs/stability.md). There is no mass scaling: it buys a longer step
+    with another motion; take :func:`newmark` or :func:`static` where inertia does not matter.
 
     Raises ``ValueError`` for arguments and loads that make no sense and :class:`UnstableRun` when the balance breaks.
 
@@ -59,6 +66,10 @@ def central_difference(
         raise ValueError(f"dt = {dt} must be a positive time")
     if not np.isfinite(until):
         raise ValueError(f"until = {until} must be a time")
+    if adapt < 0 or (adapt and (limit is None or not getattr(body, "symmetric", False))):
+        raise ValueError(f"adapt = {adapt} must be 0, or positive with a limit and a body of a symmetric rule")
+    if adapt and start is not None:
+        raise ValueError(f"adapt = {adapt} does not go with start, whose steps are all of one length")
     return _steps(
         body,
         mass,
@@ -71,6 +82,8 @@ def central_difference(
         limit,
         watch,
         start,
+        adapt,
+        TangentLimit(body, M) if adapt and isinstance(body, Peridynamics) else None,
     )
 
 
@@ -86,11 +99,15 @@ def _steps(
     limit: StepLimit | None,
     watch: int,
     start: State | None,
+    adapt: int,
+    tangent: TangentLimit | None,
 ) -> Iterator[State]:
     size = mass.size
+    origin, first = 0.0, 0  # dt has been what it is since then
+    part, longest = dt / limit.dt if limit is not None else 1.0, dt
 
     def at(step: int) -> float:
-        return step * dt
+        return origin + (step - first) * dt
 
     def accelerate(step: int) -> tuple[Floats, Floats | None]:
         """Acceleration at a step from force and load; prescribed degrees of freedom follow their own motion."""
@@ -121,6 +138,9 @@ def _steps(
             place = one.start(0.0)
             if place is not None:
                 u[one.dofs] = place
+        if tangent is not None:
+            dt = min(dt, part * tangent.at(u))
+        for one in fixed:
             v[one.dofs] = one.mean_velocity(0.0, dt)
         a, b = accelerate(0)
     else:
@@ -138,7 +158,7 @@ def _steps(
         views = [x.view() for x in (u, v, a)]
         for x in views:
             x.flags.writeable = False
-        return State(at(step), step, dt, views[0], views[1], views[2], work, initial, ripple, body, mass)
+        return State(at(step), step, dt, views[0], views[1], views[2], work, initial, ripple, 0.25, body, mass)
 
     if start is None:
         now = state()
@@ -161,6 +181,13 @@ def _steps(
             np.multiply(a, 0.5 * dt, out=half)
             v += half
         now = state()
-        if guard.due(step, last=at(step) >= end):
+        again = tangent is not None and step % adapt == 0 and at(step) < end
+        if guard.due(step, last=at(step) >= end) or again:
             guard.look(now)
         yield now
+        if tangent is not None and again:
+            origin, first, left = at(step), step, until - at(step)
+            dt = left / ceil(left / min(longest, part * tangent.at(u)) - 1e-9)
+            for one in fixed:  # what is prescribed arrives where it should after the next step, too
+                a[one.dofs] = 2.0 / dt * (one.mean_velocity(at(step), at(step + 1)) - v[one.dofs])
+            np.multiply(a, 0.5 * dt, out=half)

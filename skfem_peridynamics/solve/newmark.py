@@ -165,7 +165,7 @@ def _steps(
     watch: int,
     start: State | None,
 ) -> Iterator[State]:
-    whole = 1 << CUTS  # ticks of a whole step
+    whole, lag = 1 << CUTS, 0.5 * step.gamma - step.beta  # ticks of a whole step
     ticks, cuts, count = 0, 0, 0
 
     def at(ticks: int) -> float:
@@ -178,14 +178,15 @@ def _steps(
     if start is None:
         a, work = step.begin(dt, u, v, b), 0.0
         initial = 0.5 * float(v @ step.mass.times(v)) + step.body.energy(u)
+        ripple = 0.5 * lag * dt**2 * float(a @ step.mass.times(a))
     else:
         ticks, cuts = round(start.t / dt * whole), round(np.log2(dt / start.dt))
         if abs(at(ticks) - start.t) > 1e-9 * dt or not 0 <= cuts <= CUTS or dt / 2**cuts != start.dt:
             raise ValueError(f"dt = {dt}: the state to start from was made with dt = {start.dt} at t = {start.t:g}")
         u, v, a = start.u.copy(), start.v.copy(), start.a.copy()
-        work, initial, count = start.work, start.initial, start.step
+        work, initial, ripple, count = start.work, start.initial, start.initial_ripple, start.step
     held = step.reaction(u, a, b)
-    guard = Watch(watch, limit, abs(initial), implicit=True)
+    guard = Watch(watch, limit, abs(initial), damps=step.gamma > 0.5)
 
     def state() -> State:
         views = [x.view() for x in (u, v, a)]
@@ -193,7 +194,7 @@ def _steps(
             x.flags.writeable = False
         made_with = dt / 2**cuts
         return State(
-            at(ticks), count, made_with, views[0], views[1], views[2], work, initial, 0.0, step.body, step.mass
+            at(ticks), count, made_with, views[0], views[1], views[2], work, initial, ripple, lag, step.body, step.mass
         )
 
     now = state()

@@ -23,7 +23,6 @@ from .preconditioner import Preconditioner
 _EPS = float(np.finfo(float).eps)
 MOST = 60  # iterations of Newton's method
 _INNER = 3000  # products of one linear solve
-_SLOW = 40  # products after which the preconditioner is made anew
 _SUFFICIENT, _CURVATURE = 1e-4, 0.9  # of the line search
 
 
@@ -174,8 +173,8 @@ def minimise(
         if not slope < 0.0:  # round-off in a solve that has nothing left to gain
             d = -(inverse.at(objective.shift) @ g)
             slope = float(g @ d)
-        if cost > _SLOW and not linear:
-            inverse.renew(u)
+        if not linear:
+            inverse.learn(cost, u)
         u, value, parts, g, size = _search(objective, u, d, slope, value, parts, negative, effort)
         norm = float(np.linalg.norm(g))
     raise NotConverged(

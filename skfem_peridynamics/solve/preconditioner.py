@@ -1,9 +1,9 @@
 """What makes the linear systems of an implicit step easy: blocks of vertices, a multigrid cycle or a factor.
 
 The system is ``K + shift M`` on the degrees of freedom that are not prescribed, K the stiffness at rest or, when the
-body has changed, what is left of the tangent. Measured in docs/stability.md: the blocks cost one pass over the bonds
-and nothing more; a factor is worth its time where there are few unknowns or a line of them; a multigrid cycle where
-stiffness or mass differ by orders of magnitude between vertices far apart, and unknowns are many.
+body has changed, what is left of the tangent. Measured in docs/stability.md: a factor makes the next step ten times
+cheaper than the others can, and takes seconds to make from some 15,000 unknowns on in 2D; beyond, a multigrid cycle
+pays where a step is long; the blocks of vertices need no matrix, and do for steps of some ten times the explicit one.
 """
 
 from __future__ import annotations
@@ -21,14 +21,19 @@ from ..model.peridynamics import Peridynamics
 from ..model.rigidity import rigid_modes
 
 NAMES = ("auto", "blocks", "amg", "direct")
+_SLOW = 40  # products of a solve that could be faster
 _REMAINS = 1e-3  # of a softened bond, so that what it held is held
-FACTOR_ENTRIES = 4e6  # of the stiffness, up to which a factor is made where nothing is said (docs/stability.md)
+# What it takes to make one, in products with the Hessian.
+_PRICE = {"blocks": 40, "amg": 250, "direct": 400}
+# Where nothing is said (docs/stability.md): entries of the stiffness up to which a factor is made, the length of a step
+# over the explicit one from which a multigrid cycle pays, and the bytes that an entry takes while one is made.
+FACTOR_ENTRIES, LONG_STEP, _BYTES = 2e6, 30.0, 40.0
 
 
 class Preconditioner:
     """Approximate inverses of ``K + shift M`` on the free degrees of freedom, made when first asked for.
 
-    ``kind`` is one of :data:`NAMES`; ``renew(u)`` has the next one made of what is left of the tangent at u.
+    ``kind`` is one of :data:`NAMES`.
     """
 
     def __init__(self, body: Peridynamics, M: sparse.spmatrix | None, free: Longs, kind: str = "auto") -> None:
@@ -36,18 +41,23 @@ class Preconditioner:
             raise ValueError(f"linear = {kind!r} must be one of {', '.join(NAMES)}")
         self.body, self.free, self.made = body, free, 0
         self.M = None if M is None else sparse.csr_matrix(sparse.diags(M) if isinstance(M, np.ndarray) else M)
-        self.kind = kind
+        self.kind, self._price, self._spent = kind, 0, 0
         self._weights: list[Floats] | None = None
         self._held: Floats | None = None
         self._K: Csr | None = None
         self._known: dict[float, LinearOperator] = {}
 
-    def renew(self, u: Floats) -> None:
-        """Forget what was made of an earlier state."""
+    def learn(self, products: int, u: Floats) -> None:
+        """Have the next one made of the tangent at u once solves are slow, and have cost what that takes."""
+        self._spent += products
+        if products > _SLOW and self._spent > self._price:
+            self._renew(u)
+
+    def _renew(self, u: Floats) -> None:
         rest = [2.0 * block.law.slope * block.k for block in self.body.blocks]
         now = self.body.hessians(u)
         self._weights = [np.maximum(h, _REMAINS * k) for h, k in zip(now, rest, strict=True)]
-        self._held, self._K = None, None
+        self._held, self._K, self._spent = None, None, 0
         self._known.clear()
 
     def at(self, shift: float) -> LinearOperator:
@@ -60,16 +70,33 @@ class Preconditioner:
         return self._known[shift]
 
     def _make(self, shift: float) -> LinearOperator:
-        if self.kind == "auto":
-            self.kind = "direct" if self._entries() <= FACTOR_ENTRIES else "blocks"
-        if self.kind == "blocks":
+        kind = self._chosen(shift) if self.kind == "auto" else self.kind
+        self._price = _PRICE[kind]
+        if kind == "blocks":
             return self._blocks(shift)
         if self._K is None:
             weights = self._weights
             self._K = self.body.stiffness() if weights is None else self.body.assemble(weights)
         A = self._K if self.M is None or shift == 0.0 else sparse.csr_matrix(self._K + shift * self.M)
         inner = A[self.free][:, self.free]
-        return _factor(inner) if self.kind == "direct" else self._cycle(inner)
+        return _factor(inner) if kind == "direct" else self._cycle(inner)
+
+    def _chosen(self, shift: float) -> str:
+        """What the measurements advise for this body and shift."""
+        entries = self._entries()
+        if entries <= FACTOR_ENTRIES:
+            return "direct"
+        if entries * _BYTES > self.body.matrix_memory:
+            return "blocks"
+        if shift == 0.0 or self.M is None:
+            return "amg"
+        stiffest = np.trace(self._diagonal(), axis1=1, axis2=2) / self.M.diagonal()[:: self.body.bonds.dim]
+        return "amg" if float(stiffest.max()) > LONG_STEP**2 * shift else "blocks"
+
+    def _diagonal(self) -> Floats:
+        if self._held is None:
+            self._held = held_stiffness(self.body, self._weights)
+        return self._held
 
     def _entries(self) -> float:
         """About how many entries the stiffness has: a dim x dim block for both ends of each bond."""
@@ -78,10 +105,8 @@ class Preconditioner:
         return float(dim * dim * per_bond * self.body.bonds.nbonds)
 
     def _blocks(self, shift: float) -> LinearOperator:
-        if self._held is None:
-            self._held = held_stiffness(self.body, self._weights)
         dim = self.body.bonds.dim
-        A = self._held.copy()
+        A = self._diagonal().copy()
         if self.M is not None:
             A[:, range(dim), range(dim)] += shift * self.M.diagonal().reshape(-1, dim)
         fixed = np.ones(len(A) * dim, dtype=bool)

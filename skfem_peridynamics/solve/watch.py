@@ -28,7 +28,7 @@ class Watch:
     every: int
     limit: StepLimit | None
     peak: float = 0.0
-    implicit: bool = False  # a scheme that may dissipate, and whose energy does not ripple
+    damps: bool = False  # energy may be lost, as by Newmark's method with gamma > 1/2
 
     def look(self, state: State) -> None:
         what = self._complaint(state)
@@ -48,9 +48,7 @@ class Watch:
         if not hasattr(state._body, "energy"):
             return None if np.isfinite(state.v).all() else "the velocities are no longer finite"
         with np.errstate(over="ignore", invalid="ignore"):
-            energies, ripple = state.energies, 0.0
-            if not self.implicit:
-                ripple = state.ripple - state.initial_ripple
+            energies, ripple = state.energies, state.ripple - state.initial_ripple
         supplied = abs(energies.initial) + abs(energies.work)
         self.peak = max(self.peak, supplied, energies.total)
         if not np.isfinite(energies.total) or (
@@ -60,7 +58,7 @@ class Watch:
         if not getattr(state._body, "symmetric", True):
             return None  # the force of a one-sided rule is the gradient of no energy: there is no balance to break
         off = energies.imbalance - ripple
-        if not (off if self.implicit else abs(off)) <= BROKEN_BALANCE * self.peak:
+        if not (off if self.damps else abs(off)) <= BROKEN_BALANCE * self.peak:
             return f"the energy balance is off by {abs(energies.imbalance):.3g}, the peak energy is {self.peak:.3g}"
         return None
 
