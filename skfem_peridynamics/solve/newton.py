@@ -73,11 +73,16 @@ class Objective:
         return g[self.free], max(sizes)
 
     def floor(self, u: Floats) -> float:
-        """Round-off of the gradient at u: no residual can be told from 0 below it."""
+        """Round-off of the gradient at u: no residual can be told from 0 below it.
+
+        None is allowed for where it is more than a thousandth of the load: a body that runs off is at no equilibrium.
+        """
         extent = float(np.abs(u).max(initial=0.0))
         if self.centre is not None:
             extent = max(extent, float(np.abs(self.centre).max(initial=0.0)))
-        return _EPS * extent * float(np.linalg.norm(self.noise[self.free]))
+        floor = _EPS * extent * float(np.linalg.norm(self.noise[self.free]))
+        pulled = 0.0 if self.load is None else float(np.linalg.norm(self.load))
+        return floor if pulled == 0.0 or floor <= 1e-3 * pulled else 0.0
 
     def hessian(self, u: Floats) -> Callable[[Floats], Floats]:
         """Return the product with the Hessian on the free unknowns."""
@@ -150,10 +155,16 @@ def minimise(
     Converged is a gradient of ``tolerance`` times the forces it is the difference of, or round-off. Raises
     :class:`NotConverged`.
     """
-    free, linear = objective.free, objective.body.linear
-    u = u.copy()
-    if not len(free):
+    if not len(objective.free):
         return u
+    with np.errstate(over="ignore", invalid="ignore"):  # what runs off to infinity is told from its numbers
+        return _minimise(objective, u, inverse, tolerance, effort, most)
+
+
+def _minimise(
+    objective: Objective, u: Floats, inverse: Preconditioner, tolerance: float, effort: Effort, most: int
+) -> Floats:
+    linear = objective.body.linear
     value, parts = objective.value(u)
     g, size = objective.gradient(u)
     first = norm = float(np.linalg.norm(g))
@@ -170,6 +181,8 @@ def minimise(
         apply = objective.hessian(u)
         d, negative, cost = _descend(apply, g, inverse.at(objective.shift), rtol, 0.3 * goal, effort)
         slope = float(g @ d)
+        if not np.isfinite(slope):
+            raise NotConverged("the displacements run off")
         if not slope < 0.0:  # round-off in a solve that has nothing left to gain
             d = -(inverse.at(objective.shift) @ g)
             slope = float(g @ d)
