@@ -78,7 +78,7 @@ def test_a_load_beyond_the_largest_is_refused_with_the_last_equilibrium():
     assert last.t == states[-1].t
     np.testing.assert_array_equal(last.u, states[-1].u)
     assert 0 < 1 / 2.03 - last.t < 2e-4  # the largest load that it carries, to the smallest step
-    assert last.dt < 0.1 / 500
+    assert "with steps from 0.1 down to 9.76563e-05: " in str(caught.value)
 
 
 def test_a_jump_loses_energy_and_says_how_much():

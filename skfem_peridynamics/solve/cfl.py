@@ -50,6 +50,14 @@ class StepLimit:
         ritz = (self.eigenvalue + self.residual) * (1.0 + (_MISSED if self.products else 0.0))
         return 2.0 / sqrt(ritz if ritz < self.nodal_bound else self.nodal_bound)
 
+    def exceeded(self, dt: float) -> bool:
+        """Return whether a step is too long for certain: a Ritz value is never above the largest eigenvalue.
+
+        >>> StepLimit(4.0, 0.1, 8.0, 8.0, 8.0, products=40).exceeded(1.001)
+        True
+        """
+        return bool(dt * dt * self.eigenvalue > 4.0)
+
     def step_for(self, until: float, safety: float = 0.9) -> float:
         """Return the largest step of at most ``safety`` times the limit that ends a run at ``until`` exactly.
 

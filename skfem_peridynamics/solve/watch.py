@@ -13,6 +13,10 @@ from .state import State
 # a linear run, at most 0.0013 (ripple included) in the branching plate.
 # And how many times the energy put in may be found: at 0.995 of the limit a ripple can reach 100 times.
 BROKEN_BALANCE = 0.1
+# The same where dt is beyond the limit of the linear model for certain. Forces are bounded: an instability stops
+# growing where bonds soften so much that the step is stable again, and that can be soon. On small strains the balance
+# of stable runs is better than 1e-4, of runs at 1.001 of the limit worse than 1.3e-3 (docs/stability.md).
+BROKEN_BEYOND = 1e-3
 ENERGY_FROM_NOWHERE = 100.0
 _EARLY = (10, 30)  # a step far beyond the limit shows itself at once
 
@@ -58,7 +62,11 @@ class Watch:
         if not getattr(state._body, "symmetric", True):
             return None  # the force of a one-sided rule is the gradient of no energy: there is no balance to break
         off = energies.imbalance - ripple
-        if not (off if self.damps else abs(off)) <= BROKEN_BALANCE * self.peak:
+        if self.limit is not None and not self.damps and self.limit.exceeded(state.dt):
+            allowed = BROKEN_BEYOND
+        else:
+            allowed = BROKEN_BALANCE
+        if not (off if self.damps else abs(off)) <= allowed * self.peak:
             return f"the energy balance is off by {abs(energies.imbalance):.3g}, the peak energy is {self.peak:.3g}"
         return None
 
