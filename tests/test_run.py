@@ -237,7 +237,7 @@ from skfem_peridynamics.app.build import Problem
 from skfem_peridynamics.model import kernels, mass, peridynamics
 calls = []
 for owner, name in ((peridynamics.Peridynamics, "tangent"), (peridynamics.Peridynamics, "stiffness"),
-                    (peridynamics.Peridynamics, "tangent_operator"), (peridynamics.Peridynamics, "_assemble")):
+                    (peridynamics.Peridynamics, "tangent_operator"), (peridynamics.Peridynamics, "assemble")):
     original = getattr(owner, name)
     def counted(*args, _name=name, _original=original, **keys):
         calls.append(_name)

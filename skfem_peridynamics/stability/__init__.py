@@ -1,0 +1,1 @@
+"""Where codes break: stiff and extreme cases, each with what must hold, judged by numbers."""
