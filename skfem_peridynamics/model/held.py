@@ -47,6 +47,17 @@ def held_stiffness(body: Peridynamics, weights: Sequence[Floats] | None = None) 
     return samples.spread(A).reshape(-1, dim, dim)
 
 
+def held_by_bonds(body: Peridynamics) -> Floats:
+    """Return one positive number for each degree of freedom: the stiffness that bonds hold its vertex with, (N,).
+
+    Where there is none it is the smallest that there is.
+    """
+    of_vertex = np.trace(held_stiffness(body), axis1=1, axis2=2)
+    some = of_vertex > 0.0
+    of_vertex[~some] = of_vertex[some].min(initial=1.0)
+    return np.repeat(of_vertex, body.bonds.dim)
+
+
 def _only_x(C: Csr) -> Csr:
     """The first entry of each row of an incidence matrix: the end x."""
     first = C.indptr[:-1]

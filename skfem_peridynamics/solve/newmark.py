@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from .._types import Floats, Load, Longs
-from ..model.held import held_stiffness
+from ..model.held import held_by_bonds
 from ..model.peridynamics import Peridynamics
 from .cfl import StepLimit
 from .constraints import Prescribed, check_fixed
@@ -86,9 +86,15 @@ def newmark(
     u, v = initial_vector(u0, size, "u0"), initial_vector(v0, size, "v0")
     prescribed = check_fixed(fixed, size)
     free = np.setdiff1d(np.arange(size), prescribed)
-    noise = np.repeat(np.trace(held_stiffness(body), axis1=1, axis2=2), body.bonds.dim)
     step = _Step(
-        *(body, mass_solver(M, prescribed), Preconditioner(body, M, free, linear), fixed, prescribed, noise),
+        *(
+            body,
+            mass_solver(M, prescribed),
+            Preconditioner(body, M, free, linear),
+            fixed,
+            prescribed,
+            held_by_bonds(body),
+        ),
         *(beta, gamma, tolerance, effort if effort is not None else Effort()),
     )
     return _steps(step, u, v, dt, until, load, limit, watch, start)
@@ -103,7 +109,7 @@ class _Step:
     inverse: Preconditioner
     fixed: Sequence[Prescribed]
     prescribed: Longs
-    noise: Floats
+    held: Floats
     beta: float
     gamma: float
     tolerance: float
@@ -133,8 +139,8 @@ class _Step:
             u1[one.dofs] += dt * before
             v1[one.dofs], a1[one.dofs] = 0.5 * (before + after), (after - before) / dt
         centre[fixed] = u1[fixed] - a1[fixed] / shift  # their inertia is then what it is
-        noise = self.noise + shift * self.mass.times(np.ones(len(u)))
-        objective = Objective(self.body, self.inverse.free, noise, b, shift, self.mass, centre)
+        stiffness = self.held + shift * self.mass.times(np.ones(len(u)))
+        objective = Objective(self.body, self.inverse.free, stiffness, b, shift, self.mass, centre)
         coasting = u + dt * v
         coasting[fixed] = u1[fixed]
         # from where it is, or from where it would be on its own: a wild guess breaks bonds

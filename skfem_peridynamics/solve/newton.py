@@ -22,6 +22,7 @@ from .preconditioner import Preconditioner
 
 _EPS = float(np.finfo(float).eps)
 MOST = 60  # iterations of Newton's method
+_AWAY = 1e3  # sizes of the body
 _INNER = 3000  # products of one linear solve
 _SUFFICIENT, _CURVATURE = 1e-4, 0.9  # of the line search
 
@@ -38,12 +39,13 @@ class NotConverged(RuntimeError):
 class Objective:
     """``PD(u) - load.u + shift/2 (u - centre).M (u - centre)``, its gradient and Hessian on the ``free`` unknowns.
 
-    ``noise`` (N,) is what round-off makes of a force per unit of displacement.
+    ``stiffness`` (N,), positive, is what holds each unknown, bonds and inertia: forces are compared as the
+    displacements they would make there. A residual of a soft part then counts beside forces of a stiff one.
     """
 
     body: Peridynamics
     free: Longs
-    noise: Floats
+    stiffness: Floats
     load: Floats | None = None
     shift: float = 0.0
     mass: MassSolver | None = None
@@ -60,17 +62,24 @@ class Objective:
         return sum(parts), sum(map(abs, parts))
 
     def gradient(self, u: Floats) -> tuple[Floats, float]:
-        """Return the gradient at the free unknowns, and the size of the forces it is a difference of."""
+        """Return the gradient at the free unknowns, and the size of the forces it is a difference of, see ``size``."""
         force = self.body.force(u)
-        g, sizes = -force, [float(np.linalg.norm(force))]
+        g, sizes = -force, [self._size(force)]
         if self.load is not None:
             g -= self.load
-            sizes.append(float(np.linalg.norm(self.load)))
+            sizes.append(self._size(self.load))
         if self.mass is not None and self.centre is not None:
             inertia = self.shift * self.mass.times(u - self.centre)
             g += inertia
-            sizes.append(float(np.linalg.norm(inertia)))
+            sizes.append(self._size(inertia))
         return g[self.free], max(sizes)
+
+    def _size(self, force: Floats) -> float:
+        return float(np.linalg.norm(force / self.stiffness))
+
+    def size(self, g: Floats) -> float:
+        """Return the size of a gradient: the norm of the displacements that it would make, one unknown at a time."""
+        return float(np.linalg.norm(g / self.stiffness[self.free]))
 
     def floor(self, u: Floats) -> float:
         """Round-off of the gradient at u: no residual can be told from 0 below it.
@@ -80,8 +89,8 @@ class Objective:
         extent = float(np.abs(u).max(initial=0.0))
         if self.centre is not None:
             extent = max(extent, float(np.abs(self.centre).max(initial=0.0)))
-        floor = _EPS * extent * float(np.linalg.norm(self.noise[self.free]))
-        pulled = 0.0 if self.load is None else float(np.linalg.norm(self.load))
+        floor = _EPS * extent * float(np.sqrt(len(self.free)))
+        pulled = 0.0 if self.load is None else self._size(self.load)
         return floor if pulled == 0.0 or floor <= 1e-3 * pulled else 0.0
 
     def hessian(self, u: Floats) -> Callable[[Floats], Floats]:
@@ -114,16 +123,24 @@ class _Negative(Exception):
 
 
 def _descend(
-    apply: Callable[[Floats], Floats], g: Floats, inverse: LinearOperator, rtol: float, atol: float, effort: Effort
+    apply: Callable[[Floats], Floats],
+    g: Floats,
+    inverse: LinearOperator,
+    stiffness: Floats,
+    rtol: float,
+    effort: Effort,
 ) -> tuple[Floats, bool, int]:
-    """Return a direction of descent, whether it has negative curvature, and the products it took."""
+    """Return a direction of descent, whether it has negative curvature, and the products it took.
+
+    The unknowns are scaled to a unit diagonal, so that the residual that SciPy's CG looks at is one of soft parts too.
+    """
     found: list[Floats] = []
     so_far: list[Floats] = [np.zeros_like(g)]
-    before = effort.products
+    before, root = effort.products, np.sqrt(stiffness)
 
     def product(p: Floats) -> Floats:
         effort.products += 1
-        Ap = apply(p)
+        Ap = apply(p / root) / root
         if not float(p @ Ap) > 0.0 and p.any():
             found.append(p.copy())
             raise _Negative
@@ -132,19 +149,20 @@ def _descend(
     def keep(x: Floats) -> None:
         so_far[0] = x
 
-    A = LinearOperator((len(g), len(g)), matvec=product, dtype=np.dtype(float))
+    shape = (len(g), len(g))
+    A = LinearOperator(shape, matvec=product, dtype=np.dtype(float))
+    P = LinearOperator(shape, matvec=lambda x: root * (inverse @ (root * x)), dtype=np.dtype(float))
     try:
-        d, _ = cg(A, -g, rtol=rtol, atol=atol, maxiter=_INNER, M=inverse, callback=keep)
+        d, _ = cg(A, -g / root, rtol=rtol, maxiter=_INNER, M=P, callback=keep)
     except _Negative:
         effort.negative += 1
-        p = found[0]
-        x = so_far[0]
+        p, x = found[0], so_far[0]
         if not x.any():
-            return p, True, effort.products - before
+            return p / root, True, effort.products - before
         # down along p as well, as far again as the positive part went
         reach = float(np.linalg.norm(x) / np.linalg.norm(p))
-        return x + reach * p, True, effort.products - before
-    return d, False, effort.products - before
+        return (x + reach * p) / root, True, effort.products - before
+    return d / root, False, effort.products - before
 
 
 def minimise(
@@ -152,7 +170,8 @@ def minimise(
 ) -> Floats:
     """Return a minimum of the objective near u; the unknowns that are not free stay as they are.
 
-    Converged is a gradient of ``tolerance`` times the forces it is the difference of, or round-off. Raises
+    Converged is a gradient of ``tolerance`` times the forces it is the difference of, or round-off; see
+    :class:`Objective` for how forces are compared. Raises
     :class:`NotConverged`.
     """
     if not len(objective.free):
@@ -165,9 +184,13 @@ def _minimise(
     objective: Objective, u: Floats, inverse: Preconditioner, tolerance: float, effort: Effort, most: int
 ) -> Floats:
     linear = objective.body.linear
+    # bonds that soften bound the forces: what has moved by a thousand bodies is not coming back
+    farthest = (
+        np.inf if linear else float(np.abs(u).max()) + _AWAY * float(np.ptp(objective.body.bonds.mesh.p, axis=1).max())
+    )
     value, parts = objective.value(u)
     g, size = objective.gradient(u)
-    first = norm = float(np.linalg.norm(g))
+    first = norm = objective.size(g)
     for iteration in range(most + 1):
         if not np.isfinite(value) or not np.isfinite(norm):
             raise NotConverged("the forces are no longer finite")
@@ -177,9 +200,11 @@ def _minimise(
         if iteration == most:
             break
         effort.iterations += 1
-        rtol = 0.0 if linear else min(0.1, float(np.sqrt(norm / first)) if first > 0.0 else 0.1)
-        apply = objective.hessian(u)
-        d, negative, cost = _descend(apply, g, inverse.at(objective.shift), rtol, 0.3 * goal, effort)
+        rtol = max(0.3 * goal / norm, 1e-13)  # of the residual; a linear system is solved at once
+        if not linear:
+            rtol = max(rtol, min(0.1, float(np.sqrt(norm / first))))
+        apply, stiffness = objective.hessian(u), objective.stiffness[objective.free]
+        d, negative, cost = _descend(apply, g, inverse.at(objective.shift), stiffness, rtol, effort)
         slope = float(g @ d)
         if not np.isfinite(slope):
             raise NotConverged("the displacements run off")
@@ -189,9 +214,11 @@ def _minimise(
         if not linear:
             inverse.learn(cost, u)
         u, value, parts, g, size = _search(objective, u, d, slope, value, parts, negative, effort)
-        norm = float(np.linalg.norm(g))
+        norm = objective.size(g)
+        if float(np.abs(u).max()) > farthest:
+            raise NotConverged("the displacements run off")
     raise NotConverged(
-        f"Newton's method has not converged in {most} iterations: the residual is {norm:.3g}, forces are {size:.3g}"
+        f"Newton's method has not converged in {most} iterations: the residual is {norm / size:.3g} of the forces"
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator, cg
 
 from .._types import Floats, Load
-from ..model.held import held_stiffness
+from ..model.held import held_by_bonds
 from ..model.peridynamics import Peridynamics
 from ..model.rigidity import check_held, check_rigid
 from .constraints import Prescribed, check_fixed
@@ -21,6 +21,7 @@ from .newton import Effort, NotConverged, Objective, minimise
 from .preconditioner import Preconditioner
 
 CUTS = 10  # times a load step may be cut in half
+_MOST = 400  # iterations of Newton's method: a crack that runs away within a step takes many
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +111,7 @@ def static(
     free = np.setdiff1d(np.arange(size), prescribed)
     u = initial_vector(u0, size, "u0")
     inverse = Preconditioner(body, None, free, linear)
-    noise = np.repeat(np.trace(held_stiffness(body), axis1=1, axis2=2), body.bonds.dim)
-    path = _Path(body, inverse, fixed, load, noise, tolerance, effort if effort is not None else Effort())
+    path = _Path(body, inverse, fixed, load, held_by_bonds(body), tolerance, effort if effort is not None else Effort())
     return _follow(path, u, until / steps, int(steps))
 
 
@@ -123,12 +123,12 @@ class _Path:
     inverse: Preconditioner
     fixed: Sequence[Prescribed]
     load: Load | None
-    noise: Floats
+    held: Floats
     tolerance: float
     effort: Effort
 
     def pull(self, t: float) -> Floats | None:
-        return None if self.load is None else checked_load(self.load(t), len(self.noise), t)
+        return None if self.load is None else checked_load(self.load(t), len(self.held), t)
 
     def place(self, t: float, u: Floats) -> None:
         """Put prescribed displacements into u."""
@@ -139,8 +139,8 @@ class _Path:
 
     def settle(self, guess: Floats, b: Floats | None) -> Floats:
         """Return the equilibrium near a guess that has the prescribed displacements."""
-        objective = Objective(self.body, self.inverse.free, self.noise, b)
-        return minimise(objective, guess, self.inverse, tolerance=self.tolerance, effort=self.effort)
+        objective = Objective(self.body, self.inverse.free, self.held, b)
+        return minimise(objective, guess, self.inverse, tolerance=self.tolerance, effort=self.effort, most=_MOST)
 
     def elastic(self, du: Floats, b: Floats | None) -> Floats:
         """Return how a body at rest would follow: prescribed changes du, and a load."""

@@ -33,7 +33,7 @@ def energy_of_pairs(mesh: Mesh, horizon: float, slope: float, u: Floats) -> floa
         s = ((U - U[i]) * xi).sum(axis=1)
         s[i] = 0.0
         total += own[i] * float((own * share * slope * s**2 / r**3).sum())
-    return total / (horizon ** (dim + 1) * pi ** (dim / 2) / gamma(dim / 2 + 1))
+    return float(total / (horizon ** (dim + 1) * pi ** (dim / 2) / gamma(dim / 2 + 1)))
 
 
 def energy_of_a_stretch(dim: int, horizon: float) -> float:
@@ -63,30 +63,19 @@ def energy_of_a_stretch(dim: int, horizon: float) -> float:
             for low, high in ((0.0, pi / 4), (pi / 4, pi / 2))
         )
     else:
-        x, w = np.polynomial.legendre.leggauss(60)
 
-        def over(low: float, high: float, f: object) -> float:
-            middle, half = 0.5 * (low + high), 0.5 * (high - low)
-            return half * float(sum(weight * f(middle + half * place) for place, weight in zip(x, w, strict=True)))  # type: ignore[operator]
+        def turn(phi: float) -> float:  # where the longest component changes
+            return float(np.arctan(1.0 / max(np.cos(phi), np.sin(phi))))
+
+        def over(theta: float, phi: float) -> float:
+            sine = np.sin(theta)
+            return float(sine * ray((sine * np.cos(phi), sine * np.sin(phi), np.cos(theta))))
 
         value = 0.0
-        for a in ((0.0, pi / 4), (pi / 4, pi / 2)):
-
-            def slice_(phi: float) -> float:
-                turn = np.arctan(1.0 / max(np.cos(phi), np.sin(phi)))  # where the longest component changes
-                return sum(
-                    over(
-                        *part,
-                        lambda theta: (
-                            np.sin(theta)
-                            * ray((np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)))
-                        ),
-                    )
-                    for part in ((0.0, turn), (turn, pi / 2))
-                )
-
-            value += over(*a, slice_)
-    return value / (horizon ** (dim + 1) * pi ** (dim / 2) / gamma(dim / 2 + 1))
+        for low, high in ((0.0, pi / 4), (pi / 4, pi / 2)):
+            for below, above in ((0.0, turn), (turn, pi / 2)):
+                value += integrate.dblquad(over, low, high, below, above, epsabs=1e-13, epsrel=1e-9)[0]
+    return float(value / (horizon ** (dim + 1) * pi ** (dim / 2) / gamma(dim / 2 + 1)))
 
 
 def zero_modes(K: Floats) -> int:
