@@ -1,4 +1,4 @@
-"""The command ``skfem-peridynamics``: run, cfl, check. Exit codes: 0 fine, 2 a mistake in the input, 1 ours."""
+"""The command ``skfem-peridynamics``: run, cfl, check, study, stability. Exit codes: 0 fine, 2 a mistake in the input, 1 ours."""
 
 from __future__ import annotations
 
@@ -47,13 +47,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     study.add_argument("--list", action="store_true", help="name the studies, one a line")
     study.add_argument("--quiet", action="store_true", help="no line a run")
 
+    stability = commands.add_parser("stability", help="stiff and extreme cases, each judged by numbers")
+    stability.add_argument("--out", type=Path, required=True, metavar="DIR")
+    stability.add_argument("--quick", action="store_true", help="fewer and smaller cases: half a minute")
+    stability.add_argument("--only", nargs="+", metavar="CASE", default=None, help="some of the cases, by name")
+    stability.add_argument("--quiet", action="store_true", help="no line a verdict")
+
     check = commands.add_parser("check", help="read a scene and tell its size before anything runs")
     check.add_argument("scene", type=Path)
 
     arguments = parser.parse_args(argv)
     logging.basicConfig(format="note: %(message)s")
     try:
-        code = {"run": _run, "cfl": _cfl, "check": _check, "study": _study}[arguments.command](arguments)
+        code = {"run": _run, "cfl": _cfl, "check": _check, "study": _study, "stability": _stability}[arguments.command](
+            arguments
+        )
         sys.stdout.flush()
         return code
     except KeyboardInterrupt:
@@ -272,6 +280,42 @@ def _study(arguments: argparse.Namespace) -> int:
     if not arguments.quiet:
         print(f"{result.name}: {', '.join(names)} written to {arguments.out}")
     return 0
+
+
+def _stability(arguments: argparse.Namespace) -> int:
+    from ..stability.cases import CASES, run_cases
+
+    names = list(CASES) if arguments.only is None else arguments.only
+    for name in names:
+        if name not in CASES:
+            raise SceneError(f"--only {name}: there is no such case; the cases are {', '.join(CASES)}")
+    from . import plot
+    from .output import make_folder
+    from .stability_report import allowed, write_report
+
+    make_folder(arguments.out)
+    shown: list[str] = []
+
+    def tell(verdict: Any) -> None:
+        if arguments.quiet:
+            return
+        if verdict.case not in shown:
+            shown.append(verdict.case)
+            print(f"{verdict.case}:", flush=True)
+        if not verdict.holds:
+            said = f"{verdict.must} is {verdict.figure:.3g}, allowed {allowed(verdict)}"
+            print(f"  does not hold: {verdict.setting}: {said} {verdict.note}".rstrip(), flush=True)
+        elif verdict.note:
+            print(f"  {verdict.setting}: {verdict.note}", flush=True)
+
+    book = run_cases(names, arguments.quick, tell)
+    files = write_report(arguments.out, book, arguments.quick, plot.available())
+    wrong = sum(not verdict.holds for verdict in book.verdicts)
+    if not arguments.quiet:
+        print(
+            f"{len(book.verdicts) - wrong} of {len(book.verdicts)} hold; {', '.join(files)} written to {arguments.out}"
+        )
+    return 1 if wrong else 0
 
 
 def _check(arguments: argparse.Namespace) -> int:

@@ -14,6 +14,7 @@ from .output import History
 
 if TYPE_CHECKING:
     from ..analysis.study import Row
+    from ..stability.book import Curve
 
 # fraction of softened bonds: pale where a point is whole, dark where nothing holds it
 _COLOURS = "magma_r"
@@ -165,6 +166,25 @@ def plot_energies(path: Path, history: History, title: str) -> None:
     axes.set_title(title, parse_math=False)
     axes.legend(frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
+    _save(figure, path)
+
+
+def plot_curves(path: Path, curves: Sequence[Curve]) -> None:
+    """Draw the lines of one picture of the stability report."""
+    figure = _figure(8, 4.8)
+    axes = figure.add_subplot()
+    for curve in curves:
+        axes.plot(curve.x, curve.y, marker="o" if len(curve.x) < 20 else "", markersize=4, label=curve.label)
+    across, up = curves[0].logarithmic
+    if across:
+        axes.set_xscale("log")
+    if up:
+        axes.set_yscale("log")
+    axes.set_xlabel(curves[0].axes[0])
+    axes.set_ylabel(curves[0].axes[1])
+    axes.set_title(curves[0].picture)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
     _save(figure, path)
 
 

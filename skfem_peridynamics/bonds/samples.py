@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from .._types import Csr, Floats, Ints, Longs, Mesh
-from ..geometry.simplices import element_volumes, vertex_sizes, vertex_volumes
+from ..geometry.simplices import edge_of_volume, element_volumes, vertex_sizes, vertex_volumes
 from .neighbours import local_order
 
 
@@ -128,7 +128,7 @@ def gauss_samples(mesh: Mesh, with_vertices: bool, order: int = 2) -> Samples:
         values=values[sweep],
         sites=np.flatnonzero(is_site),
         volume=volume[gauss],
-        size=volume[gauss] ** (1.0 / dim),
+        size=edge_of_volume(volume[gauss], dim),
         element=gauss // ngauss,
         place=place,
         nvertices=nvertices,
@@ -157,7 +157,7 @@ def fine_samples(mesh: Mesh, levels: int, elements: Longs) -> Samples:
         values=values,
         sites=np.arange(n),
         volume=volume,
-        size=volume ** (1.0 / mesh.dim()),
+        size=edge_of_volume(volume, int(mesh.dim())),
         element=np.repeat(elements, len(volume) // max(1, len(elements))),
         place=np.full(int(mesh.nvertices), -1, dtype=np.int64),
         nvertices=int(mesh.nvertices),

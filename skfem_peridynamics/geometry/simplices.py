@@ -94,6 +94,16 @@ def vertex_volumes(mesh: Mesh, density: Floats | None = None) -> Floats:
     return np.asarray(np.bincount(mesh.t.ravel(), share.ravel(), mesh.nvertices), dtype=float)
 
 
+def edge_of_volume(volume: Floats, dim: int) -> Floats:
+    """Return the edges of cubes of some volumes; scaled by a power of two, the same bits.
+
+    >>> edge_of_volume(np.array([8.0, 27.0]), 3).tolist()
+    [2.0, 3.0]
+    """
+    edge: Floats = volume if dim == 1 else np.sqrt(volume) if dim == 2 else np.cbrt(volume)
+    return edge
+
+
 def vertex_sizes(mesh: Mesh) -> Floats:
     """Return the edge of the cube that each vertex stands for, ``h_i = (d! mean|T|)^(1/d)``, (nvertices,).
 
@@ -108,7 +118,7 @@ def vertex_sizes(mesh: Mesh) -> Floats:
     total = np.bincount(mesh.t.ravel(), volume.ravel(), mesh.nvertices)
     count = np.bincount(mesh.t.ravel(), minlength=mesh.nvertices)
     dim = mesh.dim()
-    size: Floats = (factorial(dim) * total / count) ** (1.0 / dim)
+    size = edge_of_volume(factorial(dim) * total / count, dim)
     return size
 
 

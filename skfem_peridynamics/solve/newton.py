@@ -22,6 +22,7 @@ from .preconditioner import Preconditioner
 
 _EPS = float(np.finfo(float).eps)
 MOST = 60  # iterations of Newton's method
+_POWERS = (0.0, 0.5, 1.0)  # of the stiffness that forces are divided by to be compared
 _AWAY = 1e3  # sizes of the body
 _INNER = 3000  # products of one linear solve
 _SUFFICIENT, _CURVATURE = 1e-4, 0.9  # of the line search
@@ -39,8 +40,9 @@ class NotConverged(RuntimeError):
 class Objective:
     """``PD(u) - load.u + shift/2 (u - centre).M (u - centre)``, its gradient and Hessian on the ``free`` unknowns.
 
-    ``stiffness`` (N,), positive, is what holds each unknown, bonds and inertia: forces are compared as the
-    displacements they would make there. A residual of a soft part then counts beside forces of a stiff one.
+    ``stiffness`` (N,), positive, is what holds each unknown, bonds and inertia. Forces are compared as they are, over
+    that, and over its root: the first does not let a stiff part drift on soft bonds, the second a soft part hide behind
+    the forces of a stiff one.
     """
 
     body: Peridynamics
@@ -61,37 +63,37 @@ class Objective:
             parts.append(0.5 * self.shift * float(d @ self.mass.times(d)))
         return sum(parts), sum(map(abs, parts))
 
-    def gradient(self, u: Floats) -> tuple[Floats, float]:
-        """Return the gradient at the free unknowns, and the size of the forces it is a difference of, see ``size``."""
+    def gradient(self, u: Floats) -> tuple[Floats, Floats]:
+        """Return the gradient at the free unknowns, and the sizes of the forces it is a difference of."""
         force = self.body.force(u)
-        g, sizes = -force, [self._size(force)]
+        g, of = -force, [self._sizes(force, self.stiffness)]
         if self.load is not None:
             g -= self.load
-            sizes.append(self._size(self.load))
+            of.append(self._sizes(self.load, self.stiffness))
         if self.mass is not None and self.centre is not None:
             inertia = self.shift * self.mass.times(u - self.centre)
             g += inertia
-            sizes.append(self._size(inertia))
-        return g[self.free], max(sizes)
+            of.append(self._sizes(inertia, self.stiffness))
+        return g[self.free], np.max(of, axis=0)
 
-    def _size(self, force: Floats) -> float:
-        return float(np.linalg.norm(force / self.stiffness))
+    def _sizes(self, force: Floats, stiffness: Floats) -> Floats:
+        return np.array([np.linalg.norm(force / stiffness**power) for power in _POWERS])
 
-    def size(self, g: Floats) -> float:
-        """Return the size of a gradient: the norm of the displacements that it would make, one unknown at a time."""
-        return float(np.linalg.norm(g / self.stiffness[self.free]))
-
-    def floor(self, u: Floats) -> float:
-        """Round-off of the gradient at u: no residual can be told from 0 below it.
+    def excess(self, g: Floats, sizes: Floats, u: Floats, tolerance: float) -> float:
+        """Return how many times a gradient is larger than a tolerance of the forces, or than round-off, allows.
 
         None is allowed for where it is more than a thousandth of the load: a body that runs off is at no equilibrium.
         """
         extent = float(np.abs(u).max(initial=0.0))
         if self.centre is not None:
             extent = max(extent, float(np.abs(self.centre).max(initial=0.0)))
-        floor = _EPS * extent * float(np.sqrt(len(self.free)))
-        pulled = 0.0 if self.load is None else self._size(self.load)
-        return floor if pulled == 0.0 or floor <= 1e-3 * pulled else 0.0
+        held = self.stiffness[self.free]
+        floor = _EPS * extent * self._sizes(held, held)
+        if self.load is not None:
+            pulled = self._sizes(self.load, self.stiffness)
+            floor[(pulled > 0.0) & (floor > 1e-3 * pulled)] = 0.0
+        allowed = np.maximum(np.maximum(tolerance * sizes, floor), np.finfo(float).tiny)
+        return float((self._sizes(g, held) / allowed).max())
 
     def hessian(self, u: Floats) -> Callable[[Floats], Floats]:
         """Return the product with the Hessian on the free unknowns."""
@@ -190,19 +192,18 @@ def _minimise(
     )
     value, parts = objective.value(u)
     g, size = objective.gradient(u)
-    first = norm = objective.size(g)
+    excess = first = objective.excess(g, size, u, tolerance)
     for iteration in range(most + 1):
-        if not np.isfinite(value) or not np.isfinite(norm):
+        if not np.isfinite(value) or not np.isfinite(excess):
             raise NotConverged("the forces are no longer finite")
-        goal = max(tolerance * size, objective.floor(u))
-        if norm <= goal:
+        if excess <= 1.0:
             return u
         if iteration == most:
             break
         effort.iterations += 1
-        rtol = max(0.3 * goal / norm, 1e-13)  # of the residual; a linear system is solved at once
+        rtol = max(0.3 / excess, 1e-13)  # of the residual; a linear system is solved at once
         if not linear:
-            rtol = max(rtol, min(0.1, float(np.sqrt(norm / first))))
+            rtol = max(rtol, min(0.1, float(np.sqrt(excess / first))))
         apply, stiffness = objective.hessian(u), objective.stiffness[objective.free]
         d, negative, cost = _descend(apply, g, inverse.at(objective.shift), stiffness, rtol, effort)
         slope = float(g @ d)
@@ -214,11 +215,12 @@ def _minimise(
         if not linear:
             inverse.learn(cost, u)
         u, value, parts, g, size = _search(objective, u, d, slope, value, parts, negative, effort)
-        norm = objective.size(g)
+        excess = objective.excess(g, size, u, tolerance)
         if float(np.abs(u).max()) > farthest:
             raise NotConverged("the displacements run off")
     raise NotConverged(
-        f"Newton's method has not converged in {most} iterations: the residual is {norm / size:.3g} of the forces"
+        f"Newton's method has not converged in {most} iterations: the residual is {excess * tolerance:.3g} of the "
+        "forces"
     )
 
 
@@ -231,7 +233,7 @@ def _search(
     parts: float,
     negative: bool,
     effort: Effort,
-) -> tuple[Floats, float, float, Floats, float]:
+) -> tuple[Floats, float, float, Floats, Floats]:
     """Return the next point along d with its value and gradient: far enough down, told apart from round-off."""
     noise = 8.0 * _EPS * parts
     length, best = 1.0, None

@@ -1,0 +1,54 @@
+"""The matrix of cases, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from .book import Book, Verdict, told
+from .geometry import extreme_geometry, refusals
+from .limits import around_the_limit
+from .loads import both_ways, energy_balance
+from .long_runs import a_million_linear_steps, near_softening
+from .materials import any_strain, brittle_and_tough, contrasts
+from .race import race
+from .tear import tear
+from .units import units
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is tried, in one line, and how."""
+
+    what: str
+    runs: tuple[Callable[[Book, bool], None], ...]
+
+
+CASES: dict[str, Case] = {
+    "limit": Case("steps of 0.90 to 1.01 of the stable limit", (around_the_limit,)),
+    "long": Case("a million linear steps, a hundred thousand near softening", (a_million_linear_steps, near_softening)),
+    "geometry": Case("horizons and meshes that no one should make", (extreme_geometry, refusals)),
+    "contrast": Case("stiffness 1:1e8 and density 1:1e6 between subdomains", (contrasts,)),
+    "brittle": Case("toughness from 1e-250 to 1e250", (brittle_and_tough,)),
+    "strains": Case("strains from 1e-300 to 1e150, and round-off", (any_strain,)),
+    "units": Case("one run in many units", (units,)),
+    "loads": Case("impulses, pulses, reversal and unloading", (energy_balance,)),
+    "tear": Case("a plate torn in two, quasi-statically", (tear,)),
+    "both": Case("explicit and implicit steps as dt -> 0", (both_ways,)),
+    "race": Case("stiff scenes: seconds to 1 % error", (race,)),
+}
+
+
+def run_cases(names: Sequence[str], quick: bool, tell: Callable[[Verdict], None]) -> Book:
+    """Run some cases; what fails with an exception does not hold, and the next case goes on.
+
+    >>> book = run_cases(["strains"], quick=True, tell=lambda verdict: None)
+    >>> book.holds, len(book.verdicts) > 10
+    (True, True)
+    """
+    book = Book(tell)
+    for name in names:
+        for one in CASES[name].runs:
+            with told(book, name, one.__name__.replace("_", " "), "runs to its end"):
+                one(book, quick)
+    return book
