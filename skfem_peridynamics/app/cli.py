@@ -1,4 +1,4 @@
-"""The command ``skfem-peridynamics``: run, cfl, check, study, stability. Exit codes: 0 fine, 2 a mistake in the input, 1 ours."""
+"""The command ``skfem-peridynamics``. Exit codes: 0 fine, 2 a mistake in the input, 1 ours."""
 
 from __future__ import annotations
 
@@ -326,3 +326,6 @@ def _check(arguments: argparse.Namespace) -> int:
     print(f"{scene.title}: the scene is sound")
     _table(rows)
     return 0
+
+
+_COMMANDS = {"run": _run, "cfl": _cfl, "check": _check, "study": _study, "stability": _stability}
