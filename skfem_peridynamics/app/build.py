@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,13 +21,17 @@ from ..bonds.parts import BallPart, PairPart
 from ..bonds.rules import Rule
 from ..geometry.slit import Crack, facets_on, slit
 from ..material.calibration import Material
+from ..material.composite import Composite
 from ..material.influence import as_influence
 from ..model.kernels import matrix_bytes
 from ..model.mass import mass_matrix
 from ..model.peridynamics import MATRIX_MEMORY, Peridynamics
 from ..model.space import vector_basis
+from ..solve.central_difference import central_difference
 from ..solve.cfl import StepLimit, stable_time_step
 from ..solve.constraints import Prescribed
+from ..solve.newmark import newmark
+from ..solve.static import static
 from . import conditions
 from .meshes import blame, free_memory, make_mesh
 from .reading import SceneError
@@ -75,10 +80,10 @@ class Problem:
                     cuts.append(facets_on(mesh, Crack(table.points)))
             elif table.facets is not None:
                 cuts.append(table.facets)
-        if not self.scene.crack:
-            return mesh
-        with blame("crack"):
-            return slit(mesh, facets=cuts)
+        if self.scene.crack:
+            with blame("crack"):
+                mesh = slit(mesh, facets=cuts)
+        return conditions.tagged(mesh, self.scene) if self.scene.inclusion else mesh
 
     @cached_property
     def basis(self) -> Basis:
@@ -93,10 +98,32 @@ class Problem:
         return vector_basis(self.mesh)
 
     @cached_property
-    def material(self) -> Material:
+    def material(self) -> Material | Composite:
+        """The material, or with inclusions what is where."""
         table = dataclasses.asdict(self.scene.material)
+        between = table.pop("between")
         with blame("material"):
-            return Material.from_elastic(**table)
+            matrix = Material.from_elastic(**table)
+        if not self.scene.inclusion:
+            return matrix
+        inclusions = {}
+        for k, one in enumerate(self.scene.inclusion):
+            given = {key: value for key, value in dataclasses.asdict(one).items() if value is not None}
+            for name in ("region", "where"):
+                given.pop(name, None)
+            for pair in (("young", "lame"), ("toughness", "K_Ic")):
+                if any(name in given for name in pair):  # one replaces the other
+                    given = dict.fromkeys(pair) | given
+            with blame(f"inclusion[{k}]"):
+                inclusions[conditions.tag(one, k)] = matrix.with_(**given)
+        composite = Composite(matrix, inclusions, between)
+        with blame("inclusion"):
+            composite.member_of(self._unrefined)
+        return composite
+
+    @property
+    def materials(self) -> tuple[Material, ...]:
+        return self.material.materials if isinstance(self.material, Composite) else (self.material,)
 
     @cached_property
     def bonds(self) -> BondBasis:
@@ -139,17 +166,15 @@ class Problem:
         influence = as_influence(scene.bonds.influence)
         dim = int(mesh.dim())
         with blame("material"):
-            slope = self.material.law(dim, influence.moment(dim)).slope
+            slope = max(one.law(dim, influence.moment(dim)).slope for one in self.materials)
         # in 1D the closed form knows no step: half the time a wave takes across the horizon is about it
         mean = influence.mean_inverse_power(1.0, dim)
-        lam = (
-            8.0 * slope * (mean if np.isfinite(mean) else 4.0) / (scene.material.density * dim * scene.bonds.horizon**2)
-        )
-        dt = scene.time.step or scene.time.safety * 2.0 / np.sqrt(lam)
+        lam = 8.0 * slope * (mean if np.isfinite(mean) else 4.0) / (self.lightest * dim * scene.bonds.horizon**2)
+        dt = scene.time.step or scene.time.part * 2.0 / np.sqrt(lam)
         chosen = choose(
             mesh,
             scene.bonds.horizon,
-            fracturing=scene.material.potential != "linear",
+            fracturing=any(one.potential != "linear" for one in self.materials),
             tolerance=scene.bonds.tolerance,
             steps=scene.time.until / dt,
         )
@@ -168,9 +193,12 @@ class Problem:
     @property
     def scheme(self) -> str:
         """The name of the scheme, for the summary."""
+        if self.scene.time.scheme == "static":
+            return "statics"
         strong = isinstance(self.rule, BallRule) and not self.rule.symmetric and self.rule.outer == "vertices"
         form = "strong form" if strong else "weak form"
-        return f"central difference, {form}, {self.mass_kind} mass"
+        named = "Newmark" if self.scene.time.scheme == "newmark" else "central difference"
+        return f"{named}, {form}, {self.mass_kind} mass"
 
     @cached_property
     def expected_bonds(self) -> int:
@@ -195,7 +223,7 @@ class Problem:
         no_fail = np.unique(np.concatenate(spared)) if spared else None
         body = Peridynamics(self.bonds, self.material, no_fail=no_fail)
         with blame("material"):
-            _ = body.law
+            _ = body.laws
         return body if _worth_compiling(self.bonds.nbonds, _PRODUCTS) else body.with_(compiled=False)
 
     @cached_property
@@ -206,7 +234,14 @@ class Problem:
 
     @cached_property
     def mass(self) -> Csr:
-        return mass_matrix(self.basis, density=self.scene.material.density, kind=self.mass_kind)
+        material = self.material
+        density = material.density_on(self.mesh) if isinstance(material, Composite) else material.density
+        return mass_matrix(self.basis, density=density, kind=self.mass_kind)
+
+    @property
+    def lightest(self) -> float:
+        """The smallest density."""
+        return min(one.density for one in self.materials)
 
     @cached_property
     def limit(self) -> StepLimit:
@@ -217,20 +252,29 @@ class Problem:
     def dt(self) -> float:
         """The step: as given, or the safe part of the limit, shortened so that a whole number of them fits."""
         time = self.scene.time
-        dt = time.step if time.step is not None else time.safety * self.limit.dt
+        if time.steps is not None:
+            return time.until / time.steps
+        dt = time.step if time.step is not None else time.part * self.limit.dt
         if time.until > _MOST_STEPS * dt:
             steps = time.until / dt
             raise SceneError(f"time.until = {time.until:g} takes {steps:.3g} steps of {dt:.3g}; that would never end")
         if time.step is None:
-            return self.limit.step_for(time.until, time.safety)
+            return self.limit.step_for(time.until, time.part)
         return time.until / max(1, ceil(time.until / dt - 1e-9))
 
     @property
     def notes(self) -> list[str]:
         """What is allowed and yet looks like a slip of units, in sentences."""
-        time, limit = self.scene.time, self.limit
+        time, out = self.scene.time, []
         steps = round(time.until / self.dt)
-        out = []
+        if self.explicit:
+            out = self._notes_on_the_limit(steps)
+        if steps > 1_000_000:
+            out.append(f"the run takes {steps:.3g} steps; are the units of time.until = {time.until:g} what you mean?")
+        return out
+
+    def _notes_on_the_limit(self, steps: int) -> list[str]:
+        time, limit, out = self.scene.time, self.limit, []
         if self.dt > limit.dt:
             out.append(f"time.step = {time.step:g} is {self.dt / limit.dt:.3g} times the stable limit {limit.dt:.4g}")
         if steps <= 5:
@@ -238,9 +282,40 @@ class Problem:
                 f"the run ends after {steps} steps: time.until = {time.until:g} is {time.until / limit.dt:.3g} times "
                 "the stable limit; are the units of time, stiffness and density those of one system?"
             )
-        if steps > 1_000_000:
-            out.append(f"the run takes {steps:.3g} steps; are the units of time.until = {time.until:g} what you mean?")
         return out
+
+    @property
+    def explicit(self) -> bool:
+        """Whether the scheme has a stable limit, which is then computed."""
+        return self.scene.time.scheme not in ("newmark", "static")
+
+    def march(self, dt: float) -> Iterator[Any]:
+        """Return the run: states of the scheme that the scene names, with steps of dt."""
+        time = self.scene.time
+        given = {"load": self.load, "fixed": self.fixed}
+        if time.scheme == "static":
+            with blame("time"):
+                if self.v0 is not None:
+                    raise ValueError('scheme = "static" has no initial velocity')
+                return static(self.body, self.u0, until=time.until, steps=round(time.until / dt), **given)  # type: ignore[arg-type]
+        if time.scheme == "newmark":
+            beta, gamma = 0.25 if time.beta is None else time.beta, 0.5 if time.gamma is None else time.gamma
+            with blame("time"):
+                return newmark(
+                    *(self.body, self.mass, self.u0, self.v0),
+                    dt=dt,
+                    until=time.until,
+                    beta=beta,
+                    gamma=gamma,
+                    **given,  # type: ignore[arg-type]
+                )
+        return central_difference(
+            *(self.body, self.mass, self.u0, self.v0),
+            dt=dt,
+            until=time.until,
+            limit=self.limit,
+            **given,  # type: ignore[arg-type]
+        )
 
     def vertices(self, where: Where, path: str) -> Longs:
         """Return the vertices a table selects. Raises :class:`SceneError` when there are none."""

@@ -79,9 +79,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _complain(f"cannot read or write {error.filename!r}: {error.strerror}", 1)
     except Exception as error:
+        from ..solve.newton import NotConverged
         from ..solve.watch import UnstableRun
 
-        if isinstance(error, UnstableRun):
+        if isinstance(error, (UnstableRun, NotConverged)):
             return _complain(error, 2)
         return _complain(f"a fault of the program, please report it: {type(error).__name__}: {error}", 1)
 

@@ -14,7 +14,7 @@ from ..solve.constraints import Prescribed, check_fixed
 from .formula import Formula
 from .meshes import blame
 from .reading import SceneError
-from .scene import LoadTable, Scene, Where
+from .scene import InclusionTable, LoadTable, Scene, Where
 
 _AXES = ("x", "y", "z")
 
@@ -34,6 +34,25 @@ def vertices(mesh: Mesh, where: Where, path: str) -> Longs:
     if not len(found):
         raise SceneError(f"{path} selects no vertex: the set is empty")
     return found
+
+
+def tag(inclusion: InclusionTable, number: int) -> str:
+    """Return the name of the subdomain of an inclusion."""
+    return inclusion.region if inclusion.region is not None else f"inclusion[{number}]"
+
+
+def tagged(mesh: Mesh, scene: Scene) -> Mesh:
+    """Return the mesh with a subdomain for each inclusion that is given by a formula, of the middles of elements."""
+    tags = dict(mesh.subdomains or {})
+    for k, one in enumerate(scene.inclusion):
+        if one.where is None:
+            continue
+        with blame(f"inclusion[{k}].where"):
+            inside = np.flatnonzero(one.where(mesh.p[:, mesh.t].mean(axis=1)) > 0.0)
+        if not len(inside):
+            raise SceneError(f"inclusion[{k}].where selects no element: the set is empty")
+        tags[tag(one, k)] = inside
+    return mesh.with_subdomains(tags)
 
 
 def fixed(scene: Scene, basis: Basis) -> list[Prescribed]:

@@ -15,7 +15,6 @@ import scipy.sparse as sparse
 from .._types import Csr, Floats, Mesh
 from ..analysis.clock import Clock
 from ..model.mass import mass_matrix
-from ..solve.central_difference import central_difference
 from .build import SPARE, Problem
 from .meshes import free_memory
 from .output import make_folder
@@ -61,23 +60,15 @@ def move(problem: Problem, coarse: Motion | None = None) -> Motion:
     """
     clock = Clock()
     with clock.phase("setup"):
-        load, fixed, mass, until = problem.load, problem.fixed, problem.mass, problem.scene.time.until
+        until = problem.scene.time.until
+        for part in ("load", "fixed", "mass", "u0", "v0"):
+            getattr(problem, part)
         dt = problem.dt if coarse is None else min(problem.dt, 0.5 * coarse.dt)
         steps = _TIMES * ceil(until / dt / _TIMES - 1e-9)
-    u = []
+    u: list[Floats] = []
     with clock.phase("steps"):
-        for state in central_difference(
-            problem.body,
-            mass,
-            problem.u0,
-            problem.v0,
-            dt=until / steps,
-            until=until,
-            load=load,
-            fixed=fixed,
-            limit=problem.limit,
-        ):
-            if state.step and state.step % (steps // _TIMES) == 0:
+        for state in problem.march(until / steps):
+            if state.t > (len(u) + 1) * until / _TIMES * (1.0 - 1e-9):
                 u.append(state.u.copy())
     return Motion(problem, u, until / steps, steps, clock.seconds["setup"], clock.seconds["steps"])
 

@@ -13,6 +13,8 @@ from ..bonds.rules import PairRule, Rule
 from .formula import Formula, FormulaError
 from .reading import SceneError, choice, count, counts, flag, key, number, positive, rows, table, tables, text
 
+SAFETY = 0.9  # of the stable limit
+
 
 def formula(value: Any, path: str) -> Formula:
     """A number or a text such as ``"1e6 * step(1e-5 - t)"``."""
@@ -59,7 +61,7 @@ class MeshTable:
 
 @dataclass(frozen=True)
 class MaterialTable:
-    """``[material]``: what :meth:`Material.from_elastic` takes."""
+    """``[material]``: what :meth:`Material.from_elastic` takes; ``between`` is the mean for bonds to an inclusion."""
 
     density: float = key(positive)
     young: float | None = key(positive, None)
@@ -71,6 +73,30 @@ class MaterialTable:
     potential: str = key(choice("exponential", "rational", "linear"), "exponential")
     convention: str = key(choice("physical", "paper"), "physical")
     calibrate: str = key(choice("continuum", "discrete"), "continuum")
+    between: str = key(choice("harmonic", "arithmetic", "weaker"), "harmonic")
+
+
+@dataclass(frozen=True)
+class InclusionTable:
+    """``[[inclusion]]``: another material in a subdomain of the mesh (``region``), or in elements ``where > 0``.
+
+    What is not given is that of ``[material]``.
+    """
+
+    region: str | None = key(text, None)
+    where: Formula | None = key(formula, None)
+    density: float | None = key(positive, None)
+    young: float | None = key(positive, None)
+    lame: float | None = key(positive, None)
+    toughness: float | None = key(positive, None)
+    K_Ic: float | None = key(positive, None)
+    potential: str | None = key(choice("exponential", "rational", "linear"), None)
+
+    def __post_init__(self) -> None:
+        if (self.region is None) == (self.where is None):
+            raise ValueError("give one of region and where")
+        if self.where is not None and self.where.uses("t"):
+            raise ValueError(f"where = {self.where.text!r} must not depend on t")
 
 
 @dataclass(frozen=True)
@@ -205,19 +231,45 @@ class TimeTable:
     """``[time]``: run ``until``; the step is ``safety`` times the stable limit, or ``step`` as given.
 
     ``mass`` is ``"lumped"`` or ``"consistent"``; without it rules with Gauss points outside take the consistent one.
-    ``scheme`` is ``"central_difference"``; ``"auto"`` is that too, as long as there is no other, and leaves no room for
-    a ``mass`` of your own.
+    ``scheme`` is ``"central_difference"``; ``"auto"`` is that too and leaves no room for a ``mass`` of your own;
+    ``"newmark"`` takes implicit steps of length ``step`` with ``beta`` and ``gamma``; ``"static"`` follows equilibria
+    in so many ``steps``, t being how far loads and displacements have come.
     """
 
     until: float = key(positive)
-    safety: float = key(positive, 0.9)
+    safety: float | None = key(positive, None)
     step: float | None = key(positive, None)
     mass: str | None = key(choice("lumped", "consistent"), None)
-    scheme: str = key(choice("central_difference", "auto"), "central_difference")
+    scheme: str = key(choice("central_difference", "newmark", "static", "auto"), "central_difference")
+    beta: float | None = key(positive, None)
+    gamma: float | None = key(positive, None)
+    steps: int | None = key(count, None)
+    mass_scaling: float | None = key(number, None)
 
     def __post_init__(self) -> None:
+        if self.mass_scaling is not None:
+            raise ValueError(
+                f"mass_scaling = {self.mass_scaling:g}: there is none, for it buys a longer step with another motion; "
+                'take scheme = "newmark", or "static" where inertia does not matter'
+            )
         if self.scheme == "auto" and self.mass is not None:
             raise ValueError(f"mass = {self.mass!r} does not go with scheme = 'auto', which chooses it")
+        mine = {
+            "newmark": ("step", "mass", "beta", "gamma"),
+            "static": ("steps",),
+        }.get(self.scheme, ("safety", "step", "mass"))
+        for name in ("safety", "step", "mass", "beta", "gamma", "steps"):
+            if getattr(self, name) is not None and name not in mine:
+                raise ValueError(f"{name} = {getattr(self, name)!r} does not go with scheme = {self.scheme!r}")
+        if self.scheme == "newmark" and self.step is None:
+            raise ValueError('scheme = "newmark" needs a step: how finely the motion is to be resolved')
+        if self.scheme == "static" and not self.steps:
+            raise ValueError(f'scheme = "static" needs steps, 1 or more, not {self.steps}')
+
+    @property
+    def part(self) -> float:
+        """The part of the stable limit that an explicit step takes where none is given."""
+        return SAFETY if self.safety is None else self.safety
 
 
 @dataclass(frozen=True)
@@ -242,7 +294,7 @@ class Scene:
     ... bonds = {horizon = 0.2}
     ... time = {until = 1.0}
     ... ''')
-    >>> scene.time.safety
+    >>> scene.time.part
     0.9
     """
 
@@ -251,6 +303,7 @@ class Scene:
     bonds: BondsTable = key(table(BondsTable))
     time: TimeTable = key(table(TimeTable))
     title: str = key(text, "untitled")
+    inclusion: tuple[InclusionTable, ...] = key(tables(InclusionTable), ())
     crack: tuple[CrackTable, ...] = key(tables(CrackTable), ())
     no_fail: tuple[NoFailTable, ...] = key(tables(NoFailTable), ())
     load: tuple[LoadTable, ...] = key(tables(LoadTable), ())

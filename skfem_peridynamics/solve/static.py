@@ -47,6 +47,11 @@ class Equilibrium:
         return float(self._body.energy(self.u))
 
     @property
+    def kinetic(self) -> float:
+        """0: it is at rest."""
+        return 0.0
+
+    @property
     def imbalance(self) -> float:
         """``elastic - work - initial``: 0 along a path without jumps, minus what a jump has lost."""
         return self.elastic - self.work - self.initial
