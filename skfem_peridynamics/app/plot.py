@@ -173,8 +173,14 @@ def plot_curves(path: Path, curves: Sequence[Curve]) -> None:
     """Draw the lines of one picture of the stability report."""
     figure = _figure(8, 4.8)
     axes = figure.add_subplot()
+    kinds = list(dict.fromkeys(curve.label.rpartition(", ")[2] for curve in curves))
+    groups = list(dict.fromkeys(curve.label.rpartition(", ")[0] for curve in curves))
     for curve in curves:
-        axes.plot(curve.x, curve.y, marker="o" if len(curve.x) < 20 else "", markersize=4, label=curve.label)
+        group, _, kind = curve.label.rpartition(", ")
+        # one colour a scene and one marker a method, where labels are "scene, method"
+        look = {"color": f"C{groups.index(group)}"} if len(groups) > 1 else {}
+        marker = "osD^v"[kinds.index(kind) % 5] if len(curve.x) < 20 else ""
+        axes.plot(curve.x, curve.y, marker=marker, markersize=5, linewidth=1.2, label=curve.label, **look)
     across, up = curves[0].logarithmic
     if across:
         axes.set_xscale("log")

@@ -100,7 +100,7 @@ def as_markdown(book: Book, quick: bool, pictures: list[str]) -> str:
     lines = [f"# Stability report, version {__version__}: {state}", ""]
     if quick:
         lines += ["Quick run: fewer and smaller cases.", ""]
-    header = ["| case | must hold | settings | allowed | nearest to it | there |", "|---|---|---|---|---|---|"]
+    header = ["| must hold | settings | allowed | nearest to it | there |", "|---|---|---|---|---|"]
     if wrong:
         lines += ["## What does not hold", "", *header[:0], "| case | setting | must | figure | allowed | note |"]
         lines += ["|---|---|---|---|---|---|"]
@@ -121,9 +121,9 @@ def as_markdown(book: Book, quick: bool, pictures: list[str]) -> str:
             worst = max(mine, key=nearness)
             held = sum(one.holds for one in mine)
             count = f"{held} of {len(mine)}" if held < len(mine) else f"all {len(mine)}"
-            lines.append(f"| {name} | {must} | {count} | {may} | {worst.figure:.3g} | {worst.setting} |")
+            lines.append(f"| {must} | {count} | {may} | {worst.figure:.3g} | {worst.setting} |")
         lines.append("")
-        lines += [f"* {one.setting}: {one.note}" for one in some if one.note]
-        lines.append("")
+        notes = [f"* {one.setting}: {one.note}" for one in some if one.note]
+        lines += [*notes, ""] if notes else []
     lines += [f"![{name}]({picture_file(name)})" for name in pictures]
     return "\n".join(lines).rstrip() + "\n"
