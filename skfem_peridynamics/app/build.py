@@ -31,6 +31,7 @@ from ..solve.central_difference import central_difference
 from ..solve.cfl import StepLimit, stable_time_step
 from ..solve.constraints import Prescribed
 from ..solve.newmark import newmark
+from ..solve.newton import Effort
 from ..solve.static import static
 from . import conditions
 from .meshes import blame, free_memory, make_mesh
@@ -284,6 +285,11 @@ class Problem:
             )
         return out
 
+    @cached_property
+    def effort(self) -> Effort:
+        """What implicit steps and equilibria have cost so far."""
+        return Effort()
+
     @property
     def explicit(self) -> bool:
         """Whether the scheme has a stable limit, which is then computed."""
@@ -292,12 +298,14 @@ class Problem:
     def march(self, dt: float) -> Iterator[Any]:
         """Return the run: states of the scheme that the scene names, with steps of dt."""
         time = self.scene.time
-        given = {"load": self.load, "fixed": self.fixed}
+        given: dict[str, Any] = {"load": self.load, "fixed": self.fixed}
+        if not self.explicit:
+            given["effort"] = self.effort
         if time.scheme == "static":
             with blame("time"):
                 if self.v0 is not None:
                     raise ValueError('scheme = "static" has no initial velocity')
-                return static(self.body, self.u0, until=time.until, steps=round(time.until / dt), **given)  # type: ignore[arg-type]
+                return static(self.body, self.u0, until=time.until, steps=round(time.until / dt), **given)
         if time.scheme == "newmark":
             beta, gamma = 0.25 if time.beta is None else time.beta, 0.5 if time.gamma is None else time.gamma
             with blame("time"):
@@ -307,14 +315,14 @@ class Problem:
                     until=time.until,
                     beta=beta,
                     gamma=gamma,
-                    **given,  # type: ignore[arg-type]
+                    **given,
                 )
         return central_difference(
             *(self.body, self.mass, self.u0, self.v0),
             dt=dt,
             until=time.until,
             limit=self.limit,
-            **given,  # type: ignore[arg-type]
+            **given,
         )
 
     def vertices(self, where: Where, path: str) -> Longs:

@@ -110,6 +110,7 @@ def _run(arguments: argparse.Namespace) -> int:
                 ("steps, dt", f"{summary['steps']}, {summary['dt']:.6g}"),
                 ("softened bonds", f"{summary['softened_bonds']}, largest |S|/S_c {_strain(summary['largest_Z'])}"),
                 ("energy drift", f"{summary['energy_drift']:.2e} of the peak energy"),
+                *_implicit(summary),
                 *_estimated(summary),
                 ("time", f"{time.perf_counter() - begin:.1f} s ({parts})"),
                 ("per step", f"{1e3 * summary['seconds_per_step']:.2f} ms"),
@@ -118,6 +119,16 @@ def _run(arguments: argparse.Namespace) -> int:
             ]
         )
     return 0
+
+
+def _implicit(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    rows = []
+    if "energy_lost" in summary:
+        rows.append(("lost in jumps", f"{summary['energy_lost']:.2e} of the peak energy, where cracks ran away"))
+    if "newton_iterations" in summary:
+        products = summary["hessian_products"]
+        rows.append(("Newton", f"{summary['newton_iterations']} iterations, {products} products with the tangent"))
+    return rows
 
 
 def _estimated(summary: dict[str, Any]) -> list[tuple[str, str]]:

@@ -186,6 +186,14 @@ def run(
             summary["steps"] = state.step
             total, imbalance = history.column("total"), history.column("imbalance")
             peak = max(float(np.max(total, initial=0.0)), np.finfo(float).tiny)
+            if scene.time.scheme == "static":  # what cracks that ran away have lost
+                summary["energy_lost"] = -float(np.min(imbalance, initial=0.0)) / peak
+                imbalance = np.maximum(imbalance, 0.0)
+            if not problem.explicit:
+                summary |= {
+                    "newton_iterations": problem.effort.iterations,
+                    "hessian_products": problem.effort.products,
+                }
             summary |= {
                 "energy_drift": float(np.max(np.abs(imbalance), initial=0.0)) / peak,
                 "softened_bonds": int(history.rows[-1][8]) if history.rows else 0,
