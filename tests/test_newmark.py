@@ -96,9 +96,11 @@ def test_gamma_above_a_half_damps_and_is_of_first_order():
     assert ((orders > 0.85) & (orders < 1.25)).all(), errors
 
 
-def test_prescribed_motion_and_load_keep_the_books():
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_prescribed_motion_and_load_keep_the_books(mass):
     """Work of loads and of reactions: what is missing falls with dt^2."""
     body, M, limit = small(2, peri.Linear(1.0), "structured")
+    M = peri.mass_matrix(body.basis, kind=mass)
     p = body.bonds.mesh.p
     left, right = np.flatnonzero(p[0] < 1e-9), np.flatnonzero(p[0] > 1 - 1e-9)
     T = 40.0 * limit.dt

@@ -10,6 +10,7 @@ from bodies import body_on, box
 from skfem_peridynamics.app.auto import choose
 from skfem_peridynamics.app.cli import main
 from skfem_peridynamics.app.stability_report import allowed, as_markdown, nearness
+from skfem_peridynamics.geometry.simplices import edge_of_volume
 from skfem_peridynamics.stability import cases, oracles
 from skfem_peridynamics.stability.book import Book, Verdict, told
 from skfem_peridynamics.stability.geometry import graded_axis, meshes
@@ -219,6 +220,15 @@ def test_a_step_beyond_the_limit_for_certain_is_told_from_one_that_may_be():
     assert not limit.exceeded(limit.dt)
     assert not limit.exceeded(0.999 * exact)
     assert limit.exceeded(1.001 * exact)
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_sizes_scale_with_the_same_bits(dim):
+    volume = np.random.default_rng(0).uniform(0.1, 10.0, 1000)
+    edge = edge_of_volume(volume, dim)
+    np.testing.assert_allclose(edge**dim, volume, rtol=1e-14)
+    for power in (-40, -3, 1, 17):
+        assert (edge_of_volume(volume * 2.0 ** (power * dim), dim) == edge * 2.0**power).all()
 
 
 @pytest.mark.parametrize("law", [peri.Exponential, peri.Rational])
