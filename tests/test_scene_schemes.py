@@ -135,6 +135,10 @@ def test_an_inclusion_is_stiff_and_heavy_where_it_is(tmp_path):
     assert problem.limit.dt < 0.25 * plain.limit.dt
     summary = ran(tmp_path, INCLUSION)
     assert summary["energy_drift"] < 1e-2
+    other = Problem(peri.Scene.parse(INCLUSION.replace("young = 100.0", "lame = 37.5, K_Ic = 2.0")))
+    again = other.body.laws[1]
+    assert again.slope == pytest.approx(stiff.slope)  # 3/8 of Young's modulus in plane stress
+    assert again.limit == pytest.approx(matrix.limit * 2.0**2 / 100.0)  # G_c = K^2 / E
     # refined, the same elements are inside
     refined = Problem(peri.Scene.parse(INCLUSION), refinements=1)
     fine = refined.mesh.p[:, refined.mesh.t].mean(axis=1)

@@ -197,6 +197,7 @@ def test_a_law_that_stiffens_takes_an_adapted_step():
     t, dt, u = np.array(states).T
     assert dt.min() < 0.6 * limit.dt
     assert dt.max() <= 0.7 * limit.dt
+    assert len(np.unique(dt)) > 4
     assert t[-1] == pytest.approx(70 * limit.dt)
     np.testing.assert_allclose(np.diff(t), dt[1:], rtol=1e-9)
     np.testing.assert_allclose(u, u0[2 * right[0]] * np.cos(0.05 * t), rtol=1e-9)
@@ -220,6 +221,24 @@ def test_a_step_beyond_the_limit_for_certain_is_told_from_one_that_may_be():
     assert not limit.exceeded(limit.dt)
     assert not limit.exceeded(0.999 * exact)
     assert limit.exceeded(1.001 * exact)
+
+
+@pytest.mark.parametrize("law", [peri.Exponential, peri.Rational])
+@pytest.mark.parametrize("limit", [1e-250, 1.0, 1e250])
+def test_laws_overflow_nowhere(law, limit):
+    """By themselves, where no one looks away: values, forces and tangents of strains from 1e-300 to 1e150."""
+    made = law(1.0, limit)
+    T = np.r_[0.0, np.geomspace(1e-300, 1e150, 91)]
+    with np.errstate(over="raise", invalid="raise", divide="raise"):
+        energy, gradient, hessian = made.energy(T), made.gradient(T), made.hessian(T)
+    for what in (energy, gradient, hessian):
+        assert np.isfinite(what).all()
+    assert (np.diff(energy) >= 0.0).all()
+    assert energy.max() <= limit
+    assert hessian[0] == 2.0
+    if limit <= 1.0:
+        assert energy[-1] == pytest.approx(limit, rel=1e-12)
+        assert abs(gradient[-1]) < 1e-100
 
 
 @pytest.mark.parametrize("dim", [1, 2, 3])
