@@ -197,7 +197,7 @@ def test_a_law_that_stiffens_takes_an_adapted_step():
     t, dt, u = np.array(states).T
     assert dt.min() < 0.6 * limit.dt
     assert dt.max() <= 0.7 * limit.dt
-    assert len(np.unique(dt)) > 4
+    assert (dt[20:] < 0.65 * limit.dt).any()  # not at the start alone
     assert t[-1] == pytest.approx(70 * limit.dt)
     np.testing.assert_allclose(np.diff(t), dt[1:], rtol=1e-9)
     np.testing.assert_allclose(u, u0[2 * right[0]] * np.cos(0.05 * t), rtol=1e-9)
