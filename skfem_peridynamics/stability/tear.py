@@ -28,7 +28,7 @@ def tear(book: Book, quick: bool) -> None:
     sizes = (
         ((0.025, 0.75, 1.2, 80),)
         if quick
-        else ((0.025, 0.75, 1.2, 80), (0.025, 1.0, 1.0, 400), (0.0125, 1.0, 1.5, 300))
+        else ((0.025, 0.75, 1.2, 80), (0.025, 1.0, 1.0, 400), (0.0125, 1.0, 2.5, 500))
     )
     for h, length, opening, steps in sizes:
         height, notch, horizon = 0.5, 0.3, _PER_HORIZON * h
@@ -57,15 +57,16 @@ def tear(book: Book, quick: bool) -> None:
         where = f"h = {h:g}, ligament {new / h:.0f} h"
         jumps = -lost[-1] / (new * _TOUGHNESS)
         note = f"{effort.iterations} iterations, {effort.products} products, {jumps:.2f} lost in jumps"
+        label = where.replace(",", ":")
         book.judge(
             "tear", where, "energy of softened bonds over G_c length", spent[-1] / (new * _TOUGHNESS), 1.05, 0.95, note
         )
         book.judge("tear", where, "energy left in other bonds", stored[-1] / spent[-1], 1e-9)
         book.judge("tear", where, "force at the end over the largest", abs(pull[-1]) / pull.max(), 1e-6)
-        book.draw("tear", where, apart, pull, ("opening", "force"))
+        book.draw("tear", label, apart, pull, ("opening", "force"))
         book.draw(
             "torn energy",
-            where,
+            label,
             apart,
             spent / (new * _TOUGHNESS),
             ("opening", "energy of softened bonds / (G_c ligament)"),
