@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,12 +26,9 @@ from ..model.kernels import matrix_bytes
 from ..model.mass import mass_matrix
 from ..model.peridynamics import MATRIX_MEMORY, Peridynamics
 from ..model.space import vector_basis
-from ..solve.central_difference import central_difference
 from ..solve.cfl import StepLimit, stable_time_step
 from ..solve.constraints import Prescribed
-from ..solve.newmark import newmark
 from ..solve.newton import Effort
-from ..solve.static import static
 from . import conditions
 from .meshes import blame, free_memory, make_mesh
 from .reading import SceneError
@@ -47,6 +43,7 @@ _PROGRAM = 120_000_000  # bytes of the interpreter and the libraries
 _BALANCING = {1: 180, 2: 400, 3: 800}  # bytes a bond while weights are balanced
 SPARE = 0.8  # of the free memory that a run may plan to take
 _PRODUCTS = 40  # of a step limit
+_PER_IMPLICIT_STEP = 50  # evaluations of force, energy or tangent; 75 in examples/double_cantilever.toml
 _SPARSE = 7e-9  # seconds a bond and force by sparse products (docs/performance.md)
 _LOADING = 1.0  # seconds that it takes to load compiled loops, with what numba itself loads
 
@@ -230,7 +227,8 @@ class Problem:
     @cached_property
     def body(self) -> Peridynamics:
         """The body that is stepped: by compiled loops where they save more than it takes to load them."""
-        worth = _worth_compiling(self.bonds.nbonds, self.scene.time.until / self.dt)
+        evaluations = self.scene.time.until / self.dt * (1 if self.explicit else _PER_IMPLICIT_STEP)
+        worth = _worth_compiling(self.bonds.nbonds, evaluations)
         return self.resting.with_(compiled=None if worth else False)
 
     @cached_property
@@ -263,28 +261,6 @@ class Problem:
             return self.limit.step_for(time.until, time.part)
         return time.until / max(1, ceil(time.until / dt - 1e-9))
 
-    @property
-    def notes(self) -> list[str]:
-        """What is allowed and yet looks like a slip of units, in sentences."""
-        time, out = self.scene.time, []
-        steps = round(time.until / self.dt)
-        if self.explicit:
-            out = self._notes_on_the_limit(steps)
-        if steps > 1_000_000:
-            out.append(f"the run takes {steps:.3g} steps; are the units of time.until = {time.until:g} what you mean?")
-        return out
-
-    def _notes_on_the_limit(self, steps: int) -> list[str]:
-        time, limit, out = self.scene.time, self.limit, []
-        if self.dt > limit.dt:
-            out.append(f"time.step = {time.step:g} is {self.dt / limit.dt:.3g} times the stable limit {limit.dt:.4g}")
-        if steps <= 5:
-            out.append(
-                f"the run ends after {steps} steps: time.until = {time.until:g} is {time.until / limit.dt:.3g} times "
-                "the stable limit; are the units of time, stiffness and density those of one system?"
-            )
-        return out
-
     @cached_property
     def effort(self) -> Effort:
         """What implicit steps and equilibria have cost so far."""
@@ -294,36 +270,6 @@ class Problem:
     def explicit(self) -> bool:
         """Whether the scheme has a stable limit, which is then computed."""
         return self.scene.time.scheme not in ("newmark", "static")
-
-    def march(self, dt: float) -> Iterator[Any]:
-        """Return the run: states of the scheme that the scene names, with steps of dt."""
-        time = self.scene.time
-        given: dict[str, Any] = {"load": self.load, "fixed": self.fixed}
-        if not self.explicit:
-            given["effort"] = self.effort
-        if time.scheme == "static":
-            with blame("time"):
-                if self.v0 is not None:
-                    raise ValueError('scheme = "static" has no initial velocity')
-                return static(self.body, self.u0, until=time.until, steps=round(time.until / dt), **given)
-        if time.scheme == "newmark":
-            beta, gamma = 0.25 if time.beta is None else time.beta, 0.5 if time.gamma is None else time.gamma
-            with blame("time"):
-                return newmark(
-                    *(self.body, self.mass, self.u0, self.v0),
-                    dt=dt,
-                    until=time.until,
-                    beta=beta,
-                    gamma=gamma,
-                    **given,
-                )
-        return central_difference(
-            *(self.body, self.mass, self.u0, self.v0),
-            dt=dt,
-            until=time.until,
-            limit=self.limit,
-            **given,
-        )
 
     def vertices(self, where: Where, path: str) -> Longs:
         """Return the vertices a table selects. Raises :class:`SceneError` when there are none."""

@@ -6,6 +6,7 @@ from math import ceil, isfinite
 
 from ..material.influence import as_influence
 from .build import Problem
+from .march import march, notes
 from .meshes import blame, free_memory
 from .reading import SceneError
 from .scene import Scene
@@ -52,8 +53,8 @@ def check(scene: Scene) -> list[tuple[str, str]]:
             rows.append(("stepping", f"about {steps * problem.bonds.nbonds * per_bond:.2g} s"))
         else:
             rows.append(("steps", f"{steps} of {problem.dt:.4g}, {problem.scheme}"))
-            problem.march(problem.dt)
-        rows += [("note", note) for note in problem.notes]
+            march(problem, problem.dt)
+        rows += [("note", note) for note in notes(problem)]
     else:
         rows.append(("bonds", f"about {expected}"))
         if time.step is not None or time.steps is not None:

@@ -14,7 +14,8 @@ from ..solve.constraints import Prescribed, check_fixed
 from .formula import Formula
 from .meshes import blame
 from .reading import SceneError
-from .scene import InclusionTable, LoadTable, Scene, Where
+from .scene import LoadTable, Scene, Where
+from .tables import InclusionTable
 
 _AXES = ("x", "y", "z")
 

@@ -16,6 +16,7 @@ from .._types import Csr, Floats, Mesh
 from ..analysis.clock import Clock
 from ..model.mass import mass_matrix
 from .build import SPARE, Problem
+from .march import march
 from .meshes import free_memory
 from .output import make_folder
 from .scene import Scene
@@ -67,7 +68,7 @@ def move(problem: Problem, coarse: Motion | None = None) -> Motion:
         steps = _TIMES * ceil(until / dt / _TIMES - 1e-9)
     u: list[Floats] = []
     with clock.phase("steps"):
-        for state in problem.march(until / steps):
+        for state in march(problem, until / steps):
             if state.t > (len(u) + 1) * until / _TIMES * (1.0 - 1e-9):
                 u.append(state.u.copy())
     return Motion(problem, u, until / steps, steps, clock.seconds["setup"], clock.seconds["steps"])

@@ -13,7 +13,7 @@ import numpy as np
 from .._types import Mesh
 from ..geometry.simplices import check_simplices, describe_point
 from .reading import SceneError
-from .scene import MeshTable
+from .tables import MeshTable
 
 
 @contextlib.contextmanager

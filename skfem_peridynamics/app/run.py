@@ -18,6 +18,7 @@ from ..solve.static import Equilibrium
 from . import plot
 from .build import Problem
 from .formula import FormulaError
+from .march import march, notes
 from .meshes import blame
 from .output import Frames, History, clear, write_summary
 from .reading import SceneError
@@ -112,8 +113,8 @@ def run(
     with clock.phase("cfl"):
         limit, dt = problem.limit if problem.explicit else None, problem.dt
     with clock.phase("setup"):
-        states = problem.march(dt)
-    for note in problem.notes:
+        states = march(problem, dt)
+    for note in notes(problem):
         _log.warning(note)
     steps = round(scene.time.until / dt)
     summary: dict[str, Any] = {
