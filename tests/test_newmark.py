@@ -241,6 +241,21 @@ def test_preconditioners_are_symmetric_positive_and_near_the_inverse(kind, dim):
         assert condition < 0.7 * np.linalg.cond(A)  # 0.02 to 0.6 seen
 
 
+@pytest.mark.parametrize("compiled", [False, True])
+def test_a_step_stops_before_bonds_that_hold_come_near_breaking(compiled):
+    law = peri.Exponential(1.0, 1e-3)
+    body = body_on(box(1, 10), 0.1, law, rule=peri.PairRule(partial_volume=False), compiled=compiled)
+    objective = Objective(body, np.arange(1, 11), np.ones(11))
+    x = body.bonds.mesh.p[0]
+    # T = sqrt(r) S: a stretch by s strains all bonds by s
+    assert objective.reach(0 * x, x[1:]) == pytest.approx(0.7 * law.inflection / np.sqrt(0.1), rel=1e-12)
+    torn = np.where(x > 0.55, 1.0, 0.0)  # one bond is far beyond breaking, and may go on
+    assert objective.reach(torn, torn[1:]) == np.inf
+    assert objective.reach(0 * x, torn[1:]) == pytest.approx(0.7 * law.inflection * 0.1 / np.sqrt(0.1), rel=1e-9)
+    linear = body_on(box(1, 10), 0.1, compiled=compiled)
+    assert Objective(linear, np.arange(1, 11), np.ones(11)).reach(0 * x, x[1:]) == np.inf
+
+
 def test_a_direction_of_negative_curvature_goes_down():
     """An indefinite matrix by hand: from the first direction, and after some that are not."""
     from scipy.sparse.linalg import aslinearoperator

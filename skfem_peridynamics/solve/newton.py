@@ -23,6 +23,9 @@ from .preconditioner import Preconditioner
 _EPS = float(np.finfo(float).eps)
 MOST = 60  # iterations of Newton's method
 _POWERS = (0.0, 0.5, 1.0)  # of the stiffness that forces are divided by to be compared
+# Of the scaled strain at which a bond's force is largest: bonds below the first hold, and come nearer by the second at
+# most. Measured in docs/stability.md.
+_HOLDS, _NEARER = 2.0, 0.7
 _AWAY = 1e3  # sizes of the body
 _INNER = 3000  # products of one linear solve
 _SUFFICIENT, _CURVATURE = 1e-4, 0.9  # of the line search
@@ -102,6 +105,20 @@ class Objective:
             return y[self.free]
 
         return apply
+
+    def reach(self, u: Floats, d: Floats) -> float:
+        """Return how far a step along d may go, in lengths of d: no bond that holds comes nearer to breaking by more.
+
+        Newton's step out of an unstable state is as long as the state is far from the next one. Taken whole it breaks
+        bonds on the way that would have held. What has long broken may go where it will.
+        """
+        body, full = self.body, np.zeros(len(u))
+        full[self.free] = d
+        holds = list(body.each_block(u, lambda block, T: np.abs(T) < _HOLDS * block.law.inflection))
+        moves = body.each_block(full, lambda block, T: np.abs(T) / block.law.inflection)
+        most = (float(move[hold].max(initial=0.0)) for move, hold in zip(moves, holds, strict=True))
+        largest = max(most, default=0.0)
+        return _NEARER / largest if largest > 0.0 else np.inf
 
 
 @dataclass
@@ -208,7 +225,8 @@ def _minimise(
             slope = float(g @ d)
         if not linear:
             inverse.learn(cost, u)
-        u, value, parts, g, size = _search(objective, u, d, slope, value, parts, negative, effort)
+        reach = np.inf if linear else objective.reach(u, d)
+        u, value, parts, g, size = _search(objective, u, d, slope, value, parts, negative, reach, effort)
         excess = objective.excess(g, size, u, tolerance)
         if float(np.abs(u).max()) > farthest:
             raise NotConverged("the displacements run off")
@@ -226,11 +244,12 @@ def _search(
     value: float,
     parts: float,
     negative: bool,
+    reach: float,
     effort: Effort,
 ) -> tuple[Floats, float, float, Floats, Floats]:
     """Return the next point along d with its value and gradient: far enough down, told apart from round-off."""
     noise = 8.0 * _EPS * parts
-    length, best = 1.0, None
+    length, best = min(1.0, reach), None
     for _ in range(60):
         trial = u.copy()
         trial[objective.free] += length * d
@@ -246,7 +265,7 @@ def _search(
             if down or abs(steep) <= _CURVATURE * abs(slope):
                 best = trial, now, its_parts, g, size
             # where the curvature is negative there is more to gain
-            if best is not None and not (down and negative and steep < _CURVATURE * slope and length < 1e3):
+            if best is not None and not (down and negative and steep < _CURVATURE * slope and 2.0 * length <= reach):
                 break
         if best is not None:
             length *= 2.0

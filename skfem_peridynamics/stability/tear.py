@@ -28,7 +28,7 @@ def tear(book: Book, quick: bool) -> None:
     sizes = (
         ((0.025, 0.75, 1.2, 80),)
         if quick
-        else ((0.025, 0.75, 1.2, 80), (0.025, 1.0, 1.0, 400), (0.0125, 1.0, 2.5, 500))
+        else ((0.025, 0.75, 1.2, 80), (0.025, 1.0, 1.0, 400), (0.0125, 1.0, 2.5, 400))
     )
     for h, length, opening, steps in sizes:
         height, notch, horizon = 0.5, 0.3, _PER_HORIZON * h
