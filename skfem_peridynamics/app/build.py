@@ -57,11 +57,12 @@ def _worth_compiling(nbonds: int, evaluations: float) -> bool:
 class Problem:
     """A scene made concrete. Nothing is built before it is asked for, and nothing that the scene does not name.
 
-    ``refinements`` refines its mesh uniformly, at the same horizon.
+    ``refinements`` refines its mesh uniformly, at the same horizon; a ``known_limit`` is not computed again.
     """
 
     scene: Scene
     refinements: int = 0
+    known_limit: StepLimit | None = None
 
     @cached_property
     def mesh(self) -> Mesh:
@@ -244,6 +245,8 @@ class Problem:
 
     @cached_property
     def limit(self) -> StepLimit:
+        if self.known_limit is not None:
+            return self.known_limit
         with blame("bonds"):
             return stable_time_step(self.resting, self.mass)
 
@@ -252,6 +255,8 @@ class Problem:
         """The step: as given, or the safe part of the limit, shortened so that a whole number of them fits."""
         time = self.scene.time
         if time.steps is not None:
+            if time.steps > _MOST_STEPS:
+                raise SceneError(f"time.steps = {time.steps} would never end; take at most {_MOST_STEPS:g}")
             return time.until / time.steps
         dt = time.step if time.step is not None else time.part * self.limit.dt
         if time.until > _MOST_STEPS * dt:

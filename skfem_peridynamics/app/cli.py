@@ -29,6 +29,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     run.add_argument("scene", type=Path)
     run.add_argument("--out", type=Path, required=True, metavar="DIR")
     run.add_argument("--estimate", action="store_true", help="run the scene again on a refined mesh: its error")
+    again = run.add_mutually_exclusive_group()
+    again.add_argument("--resume", action="store_true", help="go on from the last checkpoint, if there is one")
+    again.add_argument("--restart", action="store_true", help="start over, whatever the folder holds")
     run.add_argument("--quiet", action="store_true", help="no progress, no table at the end")
 
     cfl = commands.add_parser("cfl", help="the stable time step of a scene or of a mesh file")
@@ -65,9 +68,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         sys.stdout.flush()
         return code
-    except KeyboardInterrupt:
-        print("\nskfem-peridynamics: interrupted", file=sys.stderr)
-        return 130
+    except KeyboardInterrupt as error:
+        return _complain(str(error) or "interrupted", getattr(error, "code", 130))
     except SceneError as error:
         return _complain(error, 2)
     except MemoryError as error:
@@ -82,7 +84,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         from ..solve.newton import NotConverged
         from ..solve.watch import UnstableRun
+        from .files import OutputError
 
+        if isinstance(error, OutputError):
+            return _complain(error, 1)
         if isinstance(error, (UnstableRun, NotConverged)):
             return _complain(error, 2)
         return _complain(f"a fault of the program, please report it: {type(error).__name__}: {error}", 1)
@@ -95,13 +100,15 @@ def _complain(what: object, code: int) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     scene = Scene.read(arguments.scene)
-    from .run import Silent, run
+    from .progress import Line, Silent
+    from .run import run
 
-    progress = Silent() if arguments.quiet else _Line()
+    progress = Silent() if arguments.quiet else Line()
     begin = time.perf_counter()
     if not arguments.quiet:
         print(f"{scene.title}: setting up", flush=True)
-    summary = run(scene, arguments.out, progress, with_estimate=arguments.estimate)
+    resume = True if arguments.resume else False if arguments.restart else None
+    summary = run(scene, arguments.out, progress, with_estimate=arguments.estimate, resume=resume)
     if not arguments.quiet:
         seconds = summary["seconds"]
         parts = ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items())
@@ -149,31 +156,6 @@ def _table(rows: Sequence[tuple[str, str]]) -> None:
     width = max(len(name) for name, _ in rows)
     for name, value in rows:
         print(f"  {name:<{width}}  {value}")
-
-
-class _Line:
-    """One line that is rewritten on a terminal; a line every tenth of the run elsewhere."""
-
-    def begin(self, what: str, steps: int) -> None:
-        self.what, self.steps, self.start, self.shown = what, steps, time.perf_counter(), -1.0
-        self.told = ""
-        self.live = sys.stdout.isatty()
-
-    def advance(self, step: int, energy: float | None = None, largest_Z: float | None = None) -> None:
-        if energy is not None:
-            self.told = f", energy {energy:.4g}, largest Z {largest_Z:.3g}"
-        now = time.perf_counter()
-        due = now - self.shown > 0.2 if self.live else step * 10 // self.steps > int(self.shown)
-        if step and (due or step == self.steps):
-            self.shown = now if self.live else float(step * 10 // self.steps)
-            rate = step / (now - self.start)
-            left = (self.steps - step) / rate
-            line = f"step {step}/{self.steps}, {rate:.1f} steps/s, {left:.0f} s left{self.told}"
-            print(f"\r\x1b[K{line}" if self.live else line, end="" if self.live else "\n", flush=True)
-
-    def end(self) -> None:
-        if self.live:
-            print(flush=True)
 
 
 def _from_flags(arguments: argparse.Namespace) -> Scene:

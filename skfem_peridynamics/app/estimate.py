@@ -16,9 +16,9 @@ from .._types import Csr, Floats, Mesh
 from ..analysis.clock import Clock
 from ..model.mass import mass_matrix
 from .build import SPARE, Problem
+from .files import make_folder
 from .march import march
 from .meshes import free_memory
-from .output import make_folder
 from .scene import Scene
 from .studies import Result
 

@@ -8,14 +8,15 @@ from typing import Any
 from ..solve.central_difference import central_difference
 from ..solve.newmark import newmark
 from ..solve.static import static
+from ..solve.watch import Watch
 from .build import Problem
 from .meshes import blame
 
 
-def march(problem: Problem, dt: float) -> Iterator[Any]:
-    """Return the run: states of the scheme that the scene names, with steps of dt."""
+def march(problem: Problem, dt: float, start: Any = None, watch: int | Watch = 100) -> Iterator[Any]:
+    """Return the run: states of the scheme that the scene names, with steps of dt, from the beginning or ``start``."""
     time = problem.scene.time
-    given: dict[str, Any] = {"load": problem.load, "fixed": problem.fixed}
+    given: dict[str, Any] = {"load": problem.load, "fixed": problem.fixed, "start": start}
     if not problem.explicit:
         given["effort"] = problem.effort
     if time.scheme == "static":
@@ -32,6 +33,7 @@ def march(problem: Problem, dt: float) -> Iterator[Any]:
                 until=time.until,
                 beta=beta,
                 gamma=gamma,
+                watch=watch,
                 **given,
             )
     return central_difference(
@@ -39,6 +41,7 @@ def march(problem: Problem, dt: float) -> Iterator[Any]:
         dt=dt,
         until=time.until,
         limit=problem.limit,
+        watch=watch,
         **given,
     )
 

@@ -2,47 +2,51 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import io
 import json
 import os
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from .._types import Basis, Floats
-from .reading import SceneError
+from .files import OutputError, aside, write_all, write_whole
 
-_FRAME = "frame_[0-9][0-9][0-9][0-9].vtu"
+_FRAME = re.compile(r"frame_(\d{4,})\.vtu(\.part)?")
 _CELLS = {1: "line", 2: "triangle", 3: "tetra"}
+_OTHERS = ("frames.pvd", "history.csv", "summary.json", "damage.png", "energies.png")
 
 
-def write_whole(path: Path, content: str) -> None:
-    """Write a text file aside and rename it, so that it is never seen half written."""
-    aside = path.with_name(path.name + ".part")
-    aside.write_text(content)
-    os.replace(aside, path)
+def clear(folder: Path, frames: int = 0) -> None:
+    """Remove what an earlier run left in a folder, by the names that runs use; other files stay.
+
+    With ``frames`` the first so many of them and the files that a run continues stay too.
+    """
+    clear_frames(folder, frames)
+    for name in _OTHERS:
+        for one in (name, name + ".part"):
+            if not (frames and one == "frames.pvd"):
+                (folder / one).unlink(missing_ok=True)
 
 
-def make_folder(folder: Path) -> None:
-    """Make an output folder. Raises :class:`SceneError` where that is not possible."""
-    if folder.exists() and not folder.is_dir():
-        raise SceneError(f"output folder {str(folder)!r} exists and is not a folder")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise SceneError(f"output folder {str(folder)!r} cannot be written: {error.strerror}") from None
+def clear_frames(folder: Path, keep: int = 0) -> None:
+    """Remove frames, but the first few."""
+    for old in list(folder.iterdir()):
+        name = _FRAME.fullmatch(old.name)
+        if name is not None and (int(name[1]) >= keep or name[2]):
+            old.unlink(missing_ok=True)
 
 
-def clear(folder: Path) -> None:
-    """Remove what an earlier run left in a folder, by the names that runs use; other files stay."""
-    for old in folder.glob(_FRAME):
-        old.unlink()
-    for name in ("frames.pvd", "history.csv", "summary.json", "damage.png", "energies.png"):
-        (folder / name).unlink(missing_ok=True)
+def frame_name(number: int) -> str:
+    """Return ``frame_0007.vtu``."""
+    return f"frame_{number:04d}.vtu"
 
 
 @dataclass(eq=False)
@@ -50,7 +54,8 @@ class Frames:
     """Write fields at vertices as ``frame_0000.vtu, ...`` and ``frames.pvd`` into a folder.
 
     Vectors (N,) of the basis get three components, as ParaView likes them; scalars are (nvertices,). Fields are in
-    single precision, compressed. Frames that an earlier run left there are removed first.
+    single precision, compressed. Frames that an earlier run left there are removed first, but those of ``times``, which
+    are continued. Raises ``OutputError`` where a file cannot be written.
 
     >>> import tempfile, skfem
     >>> basis = skfem.Basis(skfem.MeshTri(), skfem.ElementVector(skfem.ElementTriP1()))
@@ -61,13 +66,12 @@ class Frames:
 
     folder: str | Path
     basis: Basis
-    times: list[tuple[float, str]] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.folder = Path(self.folder)
         self.folder.mkdir(parents=True, exist_ok=True)
-        for old in self.folder.glob(_FRAME):
-            old.unlink()
+        clear_frames(self.folder, len(self.times))
 
     def write(self, t: float, **fields: Floats) -> Path:
         """Write one frame and return its path. Raises ``ValueError`` for a field of another length."""
@@ -82,38 +86,70 @@ class Frames:
                 values = np.pad(values.reshape(n, dim), ((0, 0), (0, 3 - dim)))
             elif values.shape != (n,):
                 raise ValueError(f"field {name!r} has shape {values.shape}; it needs ({n},) or ({n * dim},)")
-            data[name] = values.astype(np.float32)
+            data[name] = _single(values)
         points = np.pad(mesh.p.T, ((0, 0), (0, 3 - dim)))
-        name = f"frame_{len(self.times):04d}.vtu"
-        path = Path(self.folder) / name
-        aside = path.with_name(name + ".part")
+        path = Path(self.folder) / frame_name(len(self.times))
         cells = [(_CELLS[dim], np.ascontiguousarray(mesh.t.T, dtype=np.int32))]
-        meshio.Mesh(points, cells, point_data=data).write(aside, file_format="vtu")
-        os.replace(aside, path)
-        self.times.append((t, name))
-        rows = "".join(f'    <DataSet timestep="{t!r}" file={quoteattr(name)}/>\n' for t, name in self.times)
+        with aside(path) as part:
+            meshio.Mesh(points, cells, point_data=data).write(part, file_format="vtu")
+        self.times.append(t)
+        self.index()
+        return path
+
+    def index(self) -> None:
+        """Write ``frames.pvd``, which lists the frames."""
+        rows = "".join(
+            f'    <DataSet timestep="{t!r}" file={quoteattr(frame_name(k))}/>\n' for k, t in enumerate(self.times)
+        )
         write_whole(
             Path(self.folder) / "frames.pvd",
             '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
             f"{rows}  </Collection>\n</VTKFile>\n",
         )
-        return path
+
+
+def _single(values: Floats) -> Floats:
+    """Values in single precision; what is beyond its range becomes its largest number."""
+    most = np.finfo(np.float32).max
+    return np.clip(values, -most, most).astype(np.float32)
 
 
 class History:
-    """Write rows of numbers to ``history.csv``, flushed row by row; keep them for the pictures."""
+    """Write rows of numbers to ``history.csv``, row by row; keep them for the pictures. ``rows`` are continued.
 
-    def __init__(self, path: Path, columns: Sequence[str]) -> None:
-        self.columns = tuple(columns)
-        self.rows: list[tuple[float, ...]] = []
-        self._file: IO[str] = open(path, "w", newline="")  # noqa: SIM115 (closed by close)
-        self._writer = csv.writer(self._file)
-        self._writer.writerow(columns)
+    A row that cannot be written whole is taken back. Raises ``OutputError``, also when the file has vanished.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[str], rows: Sequence[tuple[float, ...]] = ()) -> None:
+        self.path, self.columns, self.rows = path, tuple(columns), list(rows)
+        write_whole(path, "".join(self._lines([self.columns, *self.rows])))
+        try:
+            self._file = open(path, "ab", buffering=0)  # noqa: SIM115 (closed by close)
+            self._size = os.fstat(self._file.fileno()).st_size
+        except OSError as error:
+            raise OutputError(path, error) from error
+
+    @staticmethod
+    def _lines(rows: Sequence[Sequence[float | str]]) -> Iterator[str]:
+        text = io.StringIO()
+        writer = csv.writer(text)
+        for row in rows:
+            writer.writerow([value if isinstance(value, str) else repr(value) for value in row])
+        yield text.getvalue()
 
     def add(self, *row: float) -> None:
+        content = "".join(self._lines([row])).encode()
+        try:
+            there = os.stat(self.path)
+            if not os.path.samestat(there, os.fstat(self._file.fileno())):
+                raise FileNotFoundError(2, "another file has taken its place")
+            write_all(self._file, content)
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                self._file.truncate(self._size)
+            raise OutputError(self.path, error) from error
+        self._size += len(content)
         self.rows.append(row)
-        self._writer.writerow([repr(value) for value in row])
-        self._file.flush()
 
     def column(self, name: str) -> Floats:
         """All values of a column so far."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._types import Basis, Floats
+from .files import aside, open_new
 from .output import History
 
 if TYPE_CHECKING:
@@ -195,8 +196,7 @@ def plot_curves(path: Path, curves: Sequence[Curve]) -> None:
 
 
 def _save(figure: Any, path: Path) -> None:
-    aside = path.with_name(path.name + ".part")
-    with warnings.catch_warnings():  # a title may use letters that the font lacks: boxes are drawn for them
+    with aside(path) as part, open_new(part) as file, warnings.catch_warnings():
+        # a title may use letters that the font lacks: boxes are drawn for them
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        figure.savefig(aside, format="png")
-    aside.replace(path)
+        figure.savefig(file, format="png")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from typing import Any, TypeVar
@@ -77,6 +78,38 @@ def count(value: Any, path: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         raise SceneError(f"{path} = {value!r} must be a whole number, 0 or more")
     return value
+
+
+def interval(value: Any, path: str) -> int | str:
+    """A number of steps (0: never), or a text such as ``"30 s"``, ``"10 min"``, ``"1 h"``, ``"500 steps"``."""
+    if isinstance(value, str):
+        _ = Every.read(value, path)
+        return value
+    return count(value, path)
+
+
+@dataclasses.dataclass(frozen=True)
+class Every:
+    """How often something is done: after so many steps, or seconds; one of them is 0.
+
+    >>> Every.read("2 min"), Every.read(500)
+    (Every(steps=0, seconds=120.0), Every(steps=500, seconds=0.0))
+    """
+
+    steps: int = 0
+    seconds: float = 0.0
+
+    @classmethod
+    def read(cls, value: int | str, path: str = "interval") -> Every:
+        """Read a number of steps or a text. Raises :class:`SceneError`."""
+        if isinstance(value, int):
+            return cls(steps=value)
+        found = re.fullmatch(r"\s*(\d{1,12}|\d{0,12}\.\d{1,12})\s*(s|min|h|steps)\s*", value, re.ASCII)
+        if found is None or float(found[1]) == 0.0 or (found[2] == "steps" and "." in found[1]):
+            raise SceneError(f'{path} = {value!r} must be a number of steps, or a text like "30 s", "10 min" or "1 h"')
+        if found[2] == "steps":
+            return cls(steps=int(found[1]))
+        return cls(seconds=float(found[1]) * {"s": 1.0, "min": 60.0, "h": 3600.0}[found[2]])
 
 
 def flag(value: Any, path: str) -> bool:

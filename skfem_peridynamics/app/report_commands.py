@@ -27,7 +27,7 @@ def study(arguments: argparse.Namespace) -> int:
         hint = f"did you mean {near[0]!r}?" if near else f"the studies are {', '.join(STUDIES)}"
         raise SceneError(f"study {arguments.what!r} is not known and no scene file (.toml); {hint}")
     from . import plot
-    from .output import make_folder
+    from .files import make_folder
     from .study_report import write_rows, write_study
 
     def report(line: str) -> None:
@@ -58,7 +58,7 @@ def stability(arguments: argparse.Namespace) -> int:
         if name not in CASES:
             raise SceneError(f"--only {name}: there is no such case; the cases are {', '.join(CASES)}")
     from . import plot
-    from .output import make_folder
+    from .files import make_folder
     from .stability_report import allowed, write_report
 
     make_folder(arguments.out)

@@ -1,65 +1,42 @@
-"""Run a scene into a folder."""
+"""Run a scene into a folder, or go on with a run that was stopped."""
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
+import json
 import logging
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Protocol
-
-import numpy as np
+from typing import Any
 
 from .._types import Floats
 from .._version import __version__
 from ..analysis.clock import Clock
-from ..analysis.damage import Census, census, damage
+from ..analysis.damage import damage
 from ..model.rigidity import check_rigid
-from ..solve.state import State
-from ..solve.static import Equilibrium
-from . import plot
+from ..model.team import usable_cores
+from ..solve.cfl import StepLimit
+from ..solve.newton import NotConverged
+from ..solve.watch import UnstableRun, Watch
+from . import checkpoint, plot
 from .build import Problem
+from .checkpoint import Checkpoint, DamagedCheckpoint
+from .files import OutputError, hold, make_folder
 from .formula import FormulaError
+from .identity import differences, identity
 from .march import march, notes
 from .meshes import blame
-from .output import Frames, History, clear, write_summary
+from .output import History, write_summary
+from .progress import Progress, Silent
 from .reading import SceneError
+from .record import Record, restore
 from .scene import Scene
+from .signals import Signals
 
 _log = logging.getLogger("skfem_peridynamics")
-COLUMNS = (
-    "t",
-    "step",
-    "kinetic",
-    "intact",
-    "softened",
-    "total",
-    "work",
-    "imbalance",
-    "softened_bonds",
-    "largest_Z",
-)
-
-
-class Progress(Protocol):
-    """What a run tells while it goes on."""
-
-    def begin(self, what: str, steps: int) -> None: ...
-
-    def advance(self, step: int, energy: float | None = None, largest_Z: float | None = None) -> None: ...
-
-    def end(self) -> None: ...
-
-
-class Silent:
-    """A progress that says nothing."""
-
-    def begin(self, what: str, steps: int) -> None:
-        pass
-
-    def advance(self, step: int, energy: float | None = None, largest_Z: float | None = None) -> None:
-        pass
-
-    def end(self) -> None:
-        pass
+_LOOK = 100  # steps between two looks at the energy balance
+WORTH_KEEPING = 60.0  # seconds of a run that another does not throw away unasked
 
 
 def peak_memory_mb() -> float:
@@ -71,141 +48,245 @@ def peak_memory_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
-def marks(steps: int, count: int) -> set[int]:
-    """Return ``count`` steps spread over a run, the first and the last among them.
-
-    >>> sorted(marks(10, 3))
-    [0, 5, 10]
-    """
-    if count < 2:
-        return {steps} if count else set()
-    return {round(k * steps / (count - 1)) for k in range(count)}
-
-
 def run(
-    scene: Scene, out: str | Path, progress: Progress | None = None, *, with_estimate: bool = False
+    scene: Scene,
+    out: str | Path,
+    progress: Progress | None = None,
+    *,
+    with_estimate: bool = False,
+    resume: bool | None = None,
 ) -> dict[str, Any]:
     """Run a scene, write its files into ``out`` and return the summary.
 
     Everything the scene says is checked before the folder is made. The files: ``frame_*.vtu`` and ``frames.pvd``,
-    ``history.csv``, ``damage.png`` and ``energies.png``, and last ``summary.json``.
+    ``history.csv``, ``damage.png`` and ``energies.png``, and last ``summary.json``; while it goes on also checkpoints.
+    What an earlier run left there under these names is removed first, unless that is more than a minute of this very
+    run, not finished: then say ``resume=True`` to go on with it or ``resume=False`` to start over. Going on gives the
+    same bytes as one run would have; without a checkpoint it starts afresh, and what is finished stays as it is.
 
-    What an earlier run left there under these names is removed first. Raises :class:`SceneError` for a scene that
-    makes no sense and ``UnstableRun`` when the energy balance breaks; what was written until then stays, and the
-    summary says why the run stopped.
+    SIGINT, SIGTERM and SIGHUP, where the host does not handle them, end the run with a checkpoint after the step at
+    hand (``Interrupted``, a ``KeyboardInterrupt``). Raises :class:`SceneError` for a scene that makes no sense, a
+    folder in use, or a checkpoint of another run; ``OutputError`` for a file that cannot be written; ``UnstableRun``
+    when the energy balance breaks: the last state whose balance held is then the checkpoint. What was written until
+    then stays, and the summary says why the run stopped.
     """
-    progress = progress or Silent()
-    out, clock = Path(out), Clock("setup", "cfl", "steps", "output")
-    problem = Problem(scene)
-    pictures = plot.available() if scene.output.pictures is None else scene.output.pictures
-    if pictures and not plot.available():
-        raise SceneError('output.pictures = true needs matplotlib: install the extra "plot", or set it to false')
+    out = Path(out)
     if out.exists() and not out.is_dir():
         raise SceneError(f"output folder {str(out)!r} exists and is not a folder")
-    with clock.phase("setup"):
-        for part in (
-            ("load", "fixed", "u0", "v0") if scene.time.scheme == "static" else ("load", "fixed", "u0", "v0", "mass")
-        ):
-            getattr(problem, part)
-        blocks = len(problem.resting.blocks)
-        with blame("bonds"):
-            check_rigid(problem.resting)
-    with clock.phase("cfl"):
-        limit, dt = problem.limit if problem.explicit else None, problem.dt
-    with clock.phase("setup"):
-        states = march(problem, dt)
-    for note in notes(problem):
-        _log.warning(note)
-    steps = round(scene.time.until / dt)
-    summary: dict[str, Any] = {
-        "title": scene.title,
-        "version": __version__,
-        "status": "running",
-        "rule": problem.bonds.rule.name,
-        "scheme": problem.scheme,
-        "nodes": int(problem.mesh.nvertices),
-        "bonds": int(problem.bonds.nbonds),
-        **_balance(problem),
-        "blocks": blocks,
-        "kernels": "compiled" if problem.body.compiles else "sparse products",
-        "dt": dt,
-        **({"dt_limit": limit.steps()} if limit is not None else {}),
-        "steps": steps,
-    }
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        clear(out)
-        history = History(out / "history.csv", COLUMNS)
-    except OSError as error:
-        raise SceneError(f"output folder {str(out)!r} cannot be written: {error.strerror}") from None
-    frames = Frames(out, problem.basis) if scene.output.frames else None
-    at_frame, at_row = marks(steps, scene.output.frames), marks(steps, max(2, scene.output.history))
-    progress.begin(scene.title, steps)
-    state: State | Equilibrium | None = None
-    try:
-        with clock.phase("steps"):
-            for state in states:
-                # an implicit step may be cut: whole ones are counted, and others written nowhere
-                now = state.step if problem.explicit else _whole(state.t / dt)
-                if now in at_row:
-                    with clock.phase("output"):
-                        row = _row(state, census(problem.body, state.u))
-                        history.add(*row)
-                        progress.advance(now, row[5], row[9])
-                elif now is not None:
-                    progress.advance(now)
-                if frames is not None and now in at_frame:
-                    with clock.phase("output"):
-                        hurt = damage(problem.body, state.u)
-                        fields = {
-                            "displacement": state.u,
-                            **({"velocity": state.v} if isinstance(state, State) else {}),
-                            "intact": hurt.intact,
-                            "Z": hurt.Z,
-                        }
-                        frames.write(state.t, **fields)
-        assert state is not None
-        if pictures:
-            with clock.phase("output"):
-                _pictures(out, problem, state.u, history)
-        if with_estimate:
-            from .estimate import estimate
+    with contextlib.ExitStack() as stack:
+        signals = stack.enter_context(Signals())
+        if out.is_dir():
+            stack.enter_context(hold(out))
+        return _Run(scene, out, progress or Silent(), signals, stack).go(with_estimate, resume)
 
-            with clock.phase("estimate"):
-                summary |= estimate(problem)
-        summary["status"] = "finished"
-    except FormulaError as error:  # a load or a motion that is no number at some later time
-        summary["status"] = f"stopped: {error}"
-        raise SceneError(str(error)) from None
-    except BaseException as error:
-        summary["status"] = f"stopped: {str(error) or type(error).__name__}"
-        raise
-    finally:
-        history.close()
-        progress.end()
+
+class _Run:
+    def __init__(
+        self, scene: Scene, out: Path, progress: Progress, signals: Signals, stack: contextlib.ExitStack
+    ) -> None:
+        self.scene, self.out, self.progress, self.signals, self.stack = scene, out, progress, signals, stack
+        self.clock = Clock("setup", "cfl", "steps", "output")
+        self.problem = Problem(scene)
+        self.watch = Watch(_LOOK, None)
+        self.earlier: Checkpoint | None = None
+
+    def go(self, with_estimate: bool, resume: bool | None) -> dict[str, Any]:
+        output, existed = self.scene.output, self.out.is_dir()
+        pictures = plot.available() if output.pictures is None else output.pictures
+        if pictures and not plot.available():
+            raise SceneError('output.pictures = true needs matplotlib: install the extra "plot", or set it to false')
+        with self.clock.phase("setup"):
+            self.who = identity(self.scene, self.problem.mesh)
+        if existed and resume is not False:
+            finished = self._look_back(resume)
+            if finished is not None:
+                return finished
+        self._set_up()
+        if not existed:
+            make_folder(self.out)
+            self.stack.enter_context(hold(self.out))
+        problem, limit = self.problem, self.limit
+        facts = {
+            "run": self.who,
+            "limit": None if limit is None else dataclasses.asdict(limit),
+            "resumed": self.resumed,
+        }
+        self.record = Record(problem, self.out, self.steps, self.clock, self.watch, self.progress, facts, self.earlier)
+        if self.earlier is None:
+            checkpoint.remove(self.out)
+        summary = self._first_facts()
+        try:
+            self._step()
+            if pictures:
+                with self.clock.phase("output"):
+                    _pictures(self.out, problem, self.state.u, self.record.history)
+            if with_estimate:
+                from .estimate import estimate
+
+                with self.clock.phase("estimate"):
+                    summary |= estimate(problem)
+            summary["status"] = "finished"
+        except FormulaError as error:  # a load or a motion that is no number at some later time
+            summary["status"] = f"stopped: {error}"
+            raise SceneError(str(error)) from None
+        except BaseException as error:
+            summary["status"] = f"stopped: {str(error) or type(error).__name__}"
+            raise
+        finally:
+            self.record.history.close()
+            self.progress.end()
+            self._close(summary)
+        checkpoint.remove(self.out)
+        return summary
+
+    def _look_back(self, resume: bool | None) -> dict[str, Any] | None:
+        """Find what there is to go on with; return the summary of a run that is finished."""
+        if resume:
+            finished = _finished(self.out)
+            if finished is not None:
+                self._same(finished["run"], "finished run", ())
+                return finished
+        try:
+            found = checkpoint.latest(self.out, _log.warning if resume else _ignore)
+        except DamagedCheckpoint as error:
+            if resume:
+                raise SceneError(str(error)) from None
+            return None
+        if found is None:
+            return None
+        known = found.facts.get("run")
+        known = known if isinstance(known, dict) else {}
+        if resume:
+            self._same(known, "checkpoint", ("versions",))
+            try:
+                if found.facts.get("limit") is not None:
+                    limit = StepLimit(**found.facts["limit"])
+                    self.problem = dataclasses.replace(self.problem, known_limit=limit)
+                restore(found, self.problem, self.clock, self.watch)
+            except (DamagedCheckpoint, TypeError) as error:
+                raise SceneError(f"{str(self.out / checkpoint.NAME)!r} cannot be gone on with: {error}") from None
+            self.earlier = found
+            return None
+        seconds = found.facts.get("seconds")
+        spent = sum(seconds.values()) if isinstance(seconds, dict) else 0.0
+        if not differences(known, self.who) and spent > WORTH_KEEPING:
+            raise SceneError(
+                f"output folder {str(self.out)!r} holds {spent:.0f} s of this very run, stopped at step "
+                f"{found.state.step}: go on with --resume, or start over with --restart"
+            )
+        return None
+
+    def _same(self, known: dict[str, Any], what: str, also: tuple[str, ...]) -> None:
+        wrong = differences(known, self.who, also)
+        if wrong:
+            more = f", and {len(wrong) - 3} more" if len(wrong) > 3 else ""
+            raise SceneError(
+                f"output folder {str(self.out)!r} holds the {what} of another run: {'; '.join(wrong[:3])}{more}"
+            )
+
+    def _set_up(self) -> None:
+        problem, clock = self.problem, self.clock
+        with clock.phase("setup"):
+            parts = ("load", "fixed", "u0", "v0") + (() if self.scene.time.scheme == "static" else ("mass",))
+            for part in parts:
+                getattr(problem, part)
+            self.blocks = len(problem.resting.blocks)
+            with blame("bonds"):
+                check_rigid(problem.resting)
+        with clock.phase("cfl"):
+            self.limit, self.dt = problem.limit if problem.explicit else None, problem.dt
+        self.steps = round(self.scene.time.until / self.dt)
+        start = None if self.earlier is None else self.earlier.state
+        with clock.phase("setup"):
+            self.states: Iterator[Any] = march(problem, self.dt, start, self.watch)
+        for note in notes(problem):
+            _log.warning(note)
+        self.resumed = []
+        if self.earlier is not None and start is not None:
+            self.resumed = [*self.earlier.facts.get("resumed", []), start.step]
+            self.state = dataclasses.replace(start, _body=problem.body)
+
+    def _first_facts(self) -> dict[str, Any]:
+        problem = self.problem
+        return {
+            "title": self.scene.title,
+            "version": __version__,
+            "status": "running",
+            "rule": problem.bonds.rule.name,
+            "scheme": problem.scheme,
+            "nodes": int(problem.mesh.nvertices),
+            "bonds": int(problem.bonds.nbonds),
+            **_balance(problem),
+            "blocks": self.blocks,
+            "kernels": "compiled" if problem.body.compiles else "sparse products",
+            "cores": usable_cores(),
+            "dt": self.dt,
+            **({"dt_limit": self.limit.steps()} if self.limit is not None else {}),
+            "steps": self.steps,
+        }
+
+    def _step(self) -> None:
+        """Step to the end; a run that is asked to stop, or must, leaves a checkpoint."""
+        problem, signals, record = self.problem, self.signals, self.record
+        self.progress.begin(self.scene.title, self.steps)
+        signals.patient = True
+        try:
+            with self.clock.phase("steps"):
+                for state in self.states:
+                    self.state = state
+                    # an implicit step may be cut: whole ones are counted, and others written nowhere
+                    record.take(state, state.step if problem.explicit else _whole(state.t / self.dt))
+                    if signals.asked:
+                        kept = (
+                            "a checkpoint was written, --resume goes on" if record.save(state) else "nothing was kept"
+                        )
+                        raise signals.stop(f"at step {state.step}; {kept}")
+        except (UnstableRun, NotConverged) as error:
+            if error.state is not None:
+                record.save(error.state)
+            raise
+        finally:
+            signals.patient = False
+
+    def _close(self, summary: dict[str, Any]) -> None:
+        """Write the summary, with the figures of what was done."""
+        problem, clock = self.problem, self.clock
+        state = getattr(self, "state", None)
         if state is not None:
+            effort = problem.effort
             summary["steps"] = state.step
-            total, imbalance = history.column("total"), history.column("imbalance")
-            peak = max(float(np.max(total, initial=0.0)), np.finfo(float).tiny)
-            if scene.time.scheme == "static":  # what cracks that ran away have lost
-                summary["energy_lost"] = -float(np.min(imbalance, initial=0.0)) / peak
-                imbalance = np.maximum(imbalance, 0.0)
+            summary |= self.record.figures()
             if not problem.explicit:
-                summary |= {
-                    "newton_iterations": problem.effort.iterations,
-                    "hessian_products": problem.effort.products,
-                }
+                summary |= {"newton_iterations": effort.iterations, "hessian_products": effort.products}
+            limit = self.limit
             summary |= {
-                "energy_drift": float(np.max(np.abs(imbalance), initial=0.0)) / peak,
-                "softened_bonds": int(history.rows[-1][8]) if history.rows else 0,
-                "largest_Z": max((row[9] for row in history.rows), default=0.0),
                 "seconds": {name: round(value, 6) for name, value in clock.seconds.items()},
                 "seconds_per_step": clock.seconds["steps"] / max(1, state.step),
                 "peak_memory_mb": round(peak_memory_mb(), 1),
                 **({"stiffness_products_for_cfl": limit.products} if limit is not None else {}),
+                "resumed_at_steps": self.resumed,
             }
-            write_summary(out / "summary.json", summary)
-    return summary
+        summary["run"] = self.who
+        try:
+            write_summary(self.out / "summary.json", summary)
+        except OutputError:
+            if summary["status"] == "finished":
+                raise
+            _log.warning("the summary could not be written either")
+
+
+def _ignore(note: str) -> None:
+    """What is about to be overwritten may be damaged."""
+
+
+def _finished(out: Path) -> dict[str, Any] | None:
+    """The summary of a run that is finished, or None."""
+    try:
+        summary = json.loads((out / "summary.json").read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return None
+    whole = isinstance(summary, dict) and summary.get("status") == "finished" and isinstance(summary.get("run"), dict)
+    return summary if whole else None
 
 
 def _balance(problem: Problem) -> dict[str, Any]:
@@ -219,25 +300,6 @@ def _balance(problem: Problem) -> dict[str, Any]:
 def _whole(number: float) -> int | None:
     """The integer that a number is, or None."""
     return round(number) if abs(number - round(number)) < 1e-6 else None
-
-
-def _row(state: State | Equilibrium, count: Census) -> tuple[float, ...]:
-    kinetic = state.kinetic
-    total = kinetic + count.elastic
-    imbalance = total - state.work - state.initial
-    return (
-        *(
-            state.t,
-            state.step,
-            kinetic,
-            count.energy_intact,
-            count.energy_softened,
-            total,
-            state.work,
-            imbalance,
-        ),
-        *(count.softened, count.Z),
-    )
 
 
 def _pictures(out: Path, problem: Problem, u: Floats, history: History) -> None:

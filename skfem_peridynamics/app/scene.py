@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from .formula import Formula
-from .reading import SceneError, choice, count, flag, key, number, positive, table, tables, text
+from .reading import Every, SceneError, choice, count, flag, interval, key, number, positive, table, tables, text
 from .tables import BondsTable, CrackTable, InclusionTable, MaterialTable, MeshTable, formula, formulas
 
 SAFETY = 0.9  # of the stable limit
@@ -131,14 +133,21 @@ class TimeTable:
 
 @dataclass(frozen=True)
 class OutputTable:
-    """``[output]``: number of ``frames`` and of ``history`` rows spread over the run; ``pictures``.
+    """``[output]``: number of ``frames`` and of ``history`` rows spread over the run; ``pictures``; checkpoints.
 
-    Where ``pictures`` is not given they are drawn if matplotlib is installed.
+    Where ``pictures`` is not given they are drawn if matplotlib is installed. ``checkpoint_every`` is a number of
+    steps, or a text like ``"30 s"``; 0 is never.
     """
 
     frames: int = key(count, 10)
     history: int = key(count, 50)
     pictures: bool | None = key(flag, None)
+    checkpoint_every: int | str = key(interval, "60 s")
+
+    @property
+    def every(self) -> Every:
+        """How often a checkpoint is written."""
+        return Every.read(self.checkpoint_every)
 
 
 @dataclass(frozen=True)
@@ -180,7 +189,12 @@ class Scene:
             raise SceneError("not TOML that can be read: it is nested too deeply") from None
         except ValueError as error:  # an integer of thousands of digits
             raise SceneError(f"not TOML that can be read: {error}") from None
-        return dataclasses.replace(table(cls)(data, ""), folder=folder)
+        return cls.of(data, folder)
+
+    @classmethod
+    def of(cls, tables: Mapping[str, Any], folder: Path = Path()) -> Scene:
+        """Read the tables of a scene, as TOML gives them and as ``summary.json`` keeps them under ``run.scene``."""
+        return dataclasses.replace(table(cls)(tables, ""), folder=folder)
 
     @classmethod
     def read(cls, path: str | Path) -> Scene:

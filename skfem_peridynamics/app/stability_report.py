@@ -12,7 +12,7 @@ import numpy as np
 from .._version import __version__
 from ..stability.book import Book, Curve, Verdict
 from ..stability.cases import CASES
-from .output import write_whole
+from .files import write_whole
 
 FILES = ("stability.csv", "stability.md")
 

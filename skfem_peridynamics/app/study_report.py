@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.study import Row, as_dict, pareto, seconds_to
-from .output import write_whole
+from .files import write_whole
 from .studies import Result, rates
 
 TARGETS = (1e-2, 1e-3, 1e-4)

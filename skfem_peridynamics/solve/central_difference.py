@@ -9,14 +9,15 @@ from typing import Protocol
 import numpy as np
 import scipy.sparse as sparse
 
+from .._sums import inner
 from .._types import Floats, Load
 from ..model.peridynamics import Peridynamics
 from .cfl import StepLimit, TangentLimit
 from .constraints import Prescribed, check_fixed
-from .inputs import checked_load, initial_vector
+from .inputs import check_start, checked_load, initial_vector
 from .mass_solver import MassSolver, mass_solver
 from .state import State
-from .watch import Watch
+from .watch import Watch, watching
 
 
 class Body(Protocol):
@@ -36,21 +37,23 @@ def central_difference(
     load: Load | None = None,
     fixed: Sequence[Prescribed] = (),
     limit: StepLimit | None = None,
-    watch: int = 100,
+    watch: int | Watch = 100,
     start: State | None = None,
     adapt: int = 0,
 ) -> Iterator[State]:
     """Step ``M u'' = force(u) + load(t)`` from t = 0 (or from ``start``) to ``until``; yield a state per step.
 
     The first state is the initial one. ``M`` is the lumped or the consistent mass, ``load(t)`` a vector (N,),
-    ``fixed`` the prescribed motions. Every ``watch`` steps the energy balance is checked (0: never); ``limit`` only
-    serves the message. ``start`` continues an earlier run with the same bits. Every ``adapt`` steps (0: never) the
-    limit is estimated again from the tangent, and dt kept at most the same part of it: for laws of your own that
-    stiffen; it takes ``limit`` and a :class:`Peridynamics` with a symmetric rule. The step is never longer than ``dt``:
-    softened bonds that close again are stiff again (docs/stability.md). There is no mass scaling: it buys a longer step
-    with another motion; take :func:`newmark` or :func:`static` where inertia does not matter.
+    ``fixed`` the prescribed motions. Every ``watch`` steps the energy balance is checked (0: never; or a :class:`Watch`
+    of your own); ``limit`` only serves the message. ``start`` continues an earlier run with the same bits. Every
+    ``adapt`` steps (0: never) the limit is estimated again from the tangent, and dt kept at most the same part of it:
+    for laws of your own that stiffen; it takes ``limit`` and a :class:`Peridynamics` with a symmetric rule. The step is
+    never longer than ``dt``: softened bonds that close again are stiff again (docs/stability.md). There is no mass
+    scaling: it buys a longer step with another motion; take :func:`newmark` or :func:`static` where inertia does not
+    matter.
 
-    Raises ``ValueError`` for arguments and loads that make no sense and :class:`UnstableRun` when the balance breaks.
+    Raises ``ValueError`` for arguments and loads that make no sense and :class:`UnstableRun` when the balance breaks;
+    it holds the last good state.
 
     >>> class Spring:
     ...     def force(self, u): return -u
@@ -97,7 +100,7 @@ def _steps(
     load: Load | None,
     fixed: Sequence[Prescribed],
     limit: StepLimit | None,
-    watch: int,
+    watch: int | Watch,
     start: State | None,
     adapt: int,
     tangent: TangentLimit | None,
@@ -144,15 +147,16 @@ def _steps(
             v[one.dofs] = one.mean_velocity(0.0, dt)
         a, b = accelerate(0)
     else:
+        check_start(start.u, size)
         if start.dt != dt:
             raise ValueError(f"dt = {dt}: the state to start from was made with dt = {start.dt}")
         u, v, step = start.u.copy(), start.v.copy(), start.step
         work, initial, ripple = start.work, start.initial, start.initial_ripple
         a, b = accelerate(step)
     if initial is None:
-        initial = 0.5 * float(v @ mass.times(v)) + (float(body.energy(u)) if hasattr(body, "energy") else 0.0)
-        ripple = 0.125 * dt**2 * float(a @ mass.times(a))
-    guard = Watch(watch, limit, abs(initial))
+        initial = 0.5 * inner(v, mass.times(v)) + (float(body.energy(u)) if hasattr(body, "energy") else 0.0)
+        ripple = 0.125 * dt**2 * inner(a, mass.times(a))
+    guard = watching(watch, limit, abs(initial))
 
     def state() -> State:
         views = [x.view() for x in (u, v, a)]
@@ -175,9 +179,9 @@ def _steps(
             before, pulled = b, resist.copy()
             a, b = accelerate(step)
             if b is not None and before is not None:
-                work += 0.5 * float((before + b) @ du)
+                work += 0.5 * inner(before + b, du)
             if fixed:
-                work += 0.5 * float((pulled + resist) @ du)
+                work += 0.5 * inner(pulled + resist, du)
             np.multiply(a, 0.5 * dt, out=half)
             v += half
         now = state()

@@ -26,5 +26,12 @@ def checked_load(b: Floats, size: int, t: float) -> Floats:
     if b.shape != (size,):
         raise ValueError(f"load({t:g}) has shape {b.shape}; the body has {size} degrees of freedom")
     if not np.isfinite(b).all():
-        raise ValueError(f"load({t:g}) has {np.count_nonzero(~np.isfinite(b))} values that are not finite")
+        bad = np.flatnonzero(~np.isfinite(b))
+        raise ValueError(f"load({t:g})[{bad[0]}] = {b[bad[0]]} is not finite ({len(bad)} of {size} values are not)")
     return b
+
+
+def check_start(u: Floats, size: int) -> None:
+    """Raise ``ValueError`` for a state to start from that is one of another body."""
+    if u.shape != (size,):
+        raise ValueError(f"the state to start from has {len(u)} degrees of freedom; the body has {size}")

@@ -8,17 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sparse
 
+from .._sums import inner
 from .._types import Floats, Load, Longs
 from ..model.held import held_by_bonds
 from ..model.peridynamics import Peridynamics
 from .cfl import StepLimit
 from .constraints import Prescribed, check_fixed
-from .inputs import checked_load, initial_vector
+from .inputs import check_start, checked_load, initial_vector
 from .mass_solver import MassSolver, mass_solver
 from .newton import Effort, NotConverged, Objective, minimise
 from .preconditioner import Preconditioner
 from .state import State
-from .watch import Watch
+from .watch import Watch, watching
 
 CUTS = 10  # times a step may be cut in half
 _MOST = 25  # iterations of Newton's method before it is
@@ -37,7 +38,7 @@ def newmark(
     load: Load | None = None,
     fixed: Sequence[Prescribed] = (),
     limit: StepLimit | None = None,
-    watch: int = 100,
+    watch: int | Watch = 100,
     start: State | None = None,
     tolerance: float = 1e-9,
     linear: str = "auto",
@@ -168,7 +169,7 @@ def _steps(
     until: float,
     load: Load | None,
     limit: StepLimit | None,
-    watch: int,
+    watch: int | Watch,
     start: State | None,
 ) -> Iterator[State]:
     whole, lag = 1 << CUTS, 0.5 * step.gamma - step.beta  # ticks of a whole step
@@ -183,16 +184,18 @@ def _steps(
     b = pull(0.0 if start is None else start.t)
     if start is None:
         a, work = step.begin(dt, u, v, b), 0.0
-        initial = 0.5 * float(v @ step.mass.times(v)) + step.body.energy(u)
-        ripple = 0.5 * lag * dt**2 * float(a @ step.mass.times(a))
+        initial = 0.5 * inner(v, step.mass.times(v)) + step.body.energy(u)
+        ripple = 0.5 * lag * dt**2 * inner(a, step.mass.times(a))
     else:
+        check_start(start.u, len(u))
         ticks, cuts = round(start.t / dt * whole), round(np.log2(dt / start.dt))
         if abs(at(ticks) - start.t) > 1e-9 * dt or not 0 <= cuts <= CUTS or dt / 2**cuts != start.dt:
             raise ValueError(f"dt = {dt}: the state to start from was made with dt = {start.dt} at t = {start.t:g}")
         u, v, a = start.u.copy(), start.v.copy(), start.a.copy()
+        step.inverse.recall(start.memory)
         work, initial, ripple, count = start.work, start.initial, start.initial_ripple, start.step
     held = step.reaction(u, a, b)
-    guard = Watch(watch, limit, abs(initial), damps=step.gamma > 0.5)
+    guard = watching(watch, limit, abs(initial), damps=step.gamma > 0.5)
 
     def state() -> State:
         views = [x.view() for x in (u, v, a)]
@@ -200,7 +203,8 @@ def _steps(
             x.flags.writeable = False
         made_with = dt / 2**cuts
         return State(
-            at(ticks), count, made_with, views[0], views[1], views[2], work, initial, ripple, lag, step.body, step.mass
+            *(at(ticks), count, made_with, views[0], views[1], views[2], work, initial, ripple, lag),
+            *(step.body, step.mass, step.inverse.memory),
         )
 
     now = state()
@@ -227,9 +231,9 @@ def _steps(
                 cuts += 1
         ticks, count = ticks + part, count + 1
         pulled = step.reaction(u1, a, b1)
-        work += 0.5 * float((held + pulled) @ (u1 - u))
+        work += 0.5 * inner(held + pulled, u1 - u)
         if b is not None and b1 is not None:
-            work += 0.5 * float((b + b1) @ (u1 - u))
+            work += 0.5 * inner(b + b1, u1 - u)
         u, b, held = u1, b1, pulled
         now = state()
         if guard.due(count, last=at(ticks) >= end):

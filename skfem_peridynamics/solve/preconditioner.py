@@ -9,6 +9,7 @@ pays where a step is long; the blocks of vertices need no matrix, and do for ste
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,17 @@ _PRICE = {"blocks": 40, "amg": 250, "direct": 400}
 FACTOR_ENTRIES, LONG_STEP, _BYTES = 2e6, 30.0, 40.0
 
 
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """What a preconditioner has learnt: with it a run that is continued takes the same steps, to the last bit.
+
+    ``spent`` is what slow solves have cost, in products; ``tangent`` where it was made of the tangent (None: at rest).
+    """
+
+    spent: int = 0
+    tangent: Floats | None = None
+
+
 class Preconditioner:
     """Approximate inverses of ``K + shift M`` on the free degrees of freedom, made when first asked for.
 
@@ -43,9 +55,10 @@ class Preconditioner:
         self.M = None if M is None else sparse.csr_matrix(sparse.diags(M) if isinstance(M, np.ndarray) else M)
         self.kind, self._price, self._spent = kind, 0, 0
         self._weights: list[Floats] | None = None
+        self._tangent: Floats | None = None
         self._held: Floats | None = None
         self._K: Csr | None = None
-        self._known: dict[float, LinearOperator] = {}
+        self._known: dict[float, tuple[LinearOperator, int]] = {}
 
     def learn(self, products: int, u: Floats) -> None:
         """Have the next one made of the tangent at u once solves are slow, and have cost what that takes."""
@@ -53,7 +66,21 @@ class Preconditioner:
         if products > _SLOW and self._spent > self._price:
             self._renew(u)
 
+    @property
+    def memory(self) -> Memory:
+        """What it has learnt so far."""
+        return Memory(self._spent, self._tangent)
+
+    def recall(self, memory: Memory | None) -> None:
+        """Go on with what another has learnt of the same body."""
+        if memory is None:
+            return
+        if memory.tangent is not None:
+            self._renew(memory.tangent)
+        self._spent = memory.spent
+
     def _renew(self, u: Floats) -> None:
+        self._tangent = u.copy()
         rest = [2.0 * block.law.slope * block.k for block in self.body.blocks]
         now = self.body.hessians(u)
         self._weights = [np.maximum(h, _REMAINS * k) for h, k in zip(now, rest, strict=True)]
@@ -67,19 +94,21 @@ class Preconditioner:
                 self._known.clear()
             self._known[shift] = self._make(shift)
             self.made += 1
-        return self._known[shift]
+        operator, self._price = self._known[shift]
+        return operator
 
-    def _make(self, shift: float) -> LinearOperator:
+    def _make(self, shift: float) -> tuple[LinearOperator, int]:
+        """Return the inverse and its price."""
         kind = self._chosen(shift) if self.kind == "auto" else self.kind
-        self._price = _PRICE[kind]
+        price = _PRICE[kind]
         if kind == "blocks":
-            return self._blocks(shift)
+            return self._blocks(shift), price
         if self._K is None:
             weights = self._weights
             self._K = self.body.stiffness() if weights is None else self.body.assemble(weights)
         A = self._K if self.M is None or shift == 0.0 else sparse.csr_matrix(self._K + shift * self.M)
         inner = A[self.free][:, self.free]
-        return _factor(inner) if kind == "direct" else self._cycle(inner)
+        return (_factor(inner) if kind == "direct" else self._cycle(inner)), price
 
     def _chosen(self, shift: float) -> str:
         """What the measurements advise for this body and shift."""

@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from .._sums import inner
 from .._types import Floats
+from .preconditioner import Memory
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,8 @@ class State:
     """The motion at one time: read-only views, valid until the next step; :meth:`copy` keeps them.
 
     ``v`` is the velocity at the full step, second order in dt: ``(u^{k+1} - u^{k-1}) / (2 dt)``; ``a`` the
-    acceleration, so that ``v + dt a / 2`` is the paper's next difference quotient.
+    acceleration, so that ``v + dt a / 2`` is the paper's next difference quotient. ``memory`` is what the linear solver
+    of an implicit scheme has learnt.
     """
 
     t: float
@@ -54,11 +57,12 @@ class State:
     lag: float = 0.25
     _body: Any = field(repr=False, default=None)
     _mass: Any = field(repr=False, default=None)
+    memory: Memory | None = field(repr=False, default=None)
 
     @property
     def kinetic(self) -> float:
         """``v.M v / 2``"""
-        return 0.5 * float(self.v @ self._mass.times(self.v))
+        return 0.5 * inner(self.v, self._mass.times(self.v))
 
     @property
     def ripple(self) -> float:
@@ -66,7 +70,7 @@ class State:
 
         ``lag`` is ``gamma/2 - beta`` of Newmark's family, 1/4 for central difference. What is left never grows.
         """
-        return 0.5 * self.lag * self.dt**2 * float(self.a @ self._mass.times(self.a))
+        return 0.5 * self.lag * self.dt**2 * inner(self.a, self._mass.times(self.a))
 
     @cached_property
     def energies(self) -> Energies:
@@ -95,13 +99,16 @@ def save_state(path: str | Path, state: State) -> None:
     path = Path(path)
     aside = path.with_name(path.name + ".part")
     content: dict[str, Any] = {name: np.asarray(getattr(state, name)) for name in _NUMBERS + _VECTORS}
+    if state.memory is not None:
+        content["spent"] = np.asarray(state.memory.spent)
+        content |= {} if state.memory.tangent is None else {"tangent": state.memory.tangent}
     with open(aside, "wb") as file:
         np.savez(file, **content)
     os.replace(aside, path)
 
 
 def load_state(path: str | Path) -> State:
-    """Read a state that :func:`save_state` wrote, to continue from with ``central_difference(start=...)``.
+    """Read a state that :func:`save_state` wrote, to continue from with ``start=`` of its scheme.
 
     Raises ``ValueError`` for a file that is none. Nothing is unpickled.
     """
@@ -113,6 +120,9 @@ def load_state(path: str | Path) -> State:
                 if name != "lag" or name in file  # which older files lack
             }
             stored |= {name: np.asarray(file[name], dtype=float) for name in _VECTORS}
+            if "spent" in file:
+                tangent = np.asarray(file["tangent"], dtype=float) if "tangent" in file else None
+                stored["memory"] = Memory(int(file["spent"]), tangent)
     except (KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise ValueError(f"{str(path)!r} is not a state that save_state wrote: {error}") from None
     return State(**stored)

@@ -11,14 +11,15 @@ from typing import Any
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, cg
 
+from .._sums import inner
 from .._types import Floats, Load
 from ..model.held import held_by_bonds
 from ..model.peridynamics import Peridynamics
 from ..model.rigidity import check_held, check_rigid
 from .constraints import Prescribed, check_fixed
-from .inputs import checked_load, initial_vector
+from .inputs import check_start, checked_load, initial_vector
 from .newton import Effort, NotConverged, Objective, minimise
-from .preconditioner import Preconditioner
+from .preconditioner import Memory, Preconditioner
 
 CUTS = 10  # times a load step may be cut in half
 _MOST = 400  # iterations of Newton's method: a crack that runs away within a step takes many
@@ -30,6 +31,8 @@ class Equilibrium:
 
     ``t`` is what loads and displacements were asked for, ``dt`` the last step of it; ``reaction`` (N,) holds what is
     prescribed, 0 elsewhere; ``work`` is that of loads and prescribed motions so far, ``initial`` the first energy.
+    ``change`` is how u changed in the last step, by which the next is guessed, ``memory`` what the linear solver has
+    learnt.
     """
 
     t: float
@@ -40,6 +43,8 @@ class Equilibrium:
     work: float
     initial: float
     _body: Any = field(repr=False, default=None)
+    change: Floats | None = field(repr=False, default=None)
+    memory: Memory | None = field(repr=False, default=None)
 
     @cached_property
     def elastic(self) -> float:
@@ -58,7 +63,8 @@ class Equilibrium:
 
     def copy(self) -> Equilibrium:
         """Return an equilibrium that later steps leave alone."""
-        return dataclasses.replace(self, u=self.u.copy(), reaction=self.reaction.copy())
+        change = None if self.change is None else self.change.copy()
+        return dataclasses.replace(self, u=self.u.copy(), reaction=self.reaction.copy(), change=change)
 
 
 def static(
@@ -72,6 +78,7 @@ def static(
     tolerance: float = 1e-8,
     linear: str = "auto",
     effort: Effort | None = None,
+    start: Equilibrium | None = None,
 ) -> Iterator[Equilibrium]:
     """Follow the equilibria ``force(u) + load(t) = 0`` from t = 0 to ``until`` in so many steps; yield one per step.
 
@@ -79,7 +86,8 @@ def static(
     found by Newton's method from where the last two point to, so that prescribed displacements lead through the largest
     force and down the other side. Where a crack runs away within a step the next minimum below is taken, and the energy
     that is lost is in ``imbalance``. ``linear`` and ``effort`` are those of :func:`newmark`. A step without an
-    equilibrium is cut in half, and grown again.
+    equilibrium is cut in half, and grown again. ``start`` continues an earlier path with the
+    same bits.
 
     Raises ``ValueError`` for a body, or a part of one, that can move rigidly, for bonds that leave a vertex free, and
     for one-sided rules; :class:`NotConverged`, with the last equilibrium in its ``state``, when the step is cut to a
@@ -117,7 +125,7 @@ def static(
     u = initial_vector(u0, size, "u0")
     inverse = Preconditioner(body, None, free, linear)
     path = _Path(body, inverse, fixed, load, held_by_bonds(body), tolerance, effort if effort is not None else Effort())
-    return _follow(path, u, until / steps, int(steps))
+    return _follow(path, u, until / steps, int(steps), start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +149,18 @@ class _Path:
             there = one.start(t)
             if there is not None:
                 u[one.dofs] = there
+
+    def first(self, u: Floats, b: Floats | None) -> Floats:
+        """Return the equilibrium at t = 0."""
+        guess = u.copy()
+        self.place(0.0, guess)
+        moved = guess - u
+        if len(self.inverse.free) and (moved.any() or b is not None):
+            guess = u + self.elastic(moved, b)
+        try:
+            return self.settle(guess, b)
+        except NotConverged as error:
+            raise NotConverged(f"there is no equilibrium at t = 0 to start from: {error}") from None
 
     def settle(self, guess: Floats, b: Floats | None) -> Floats:
         """Return the equilibrium near a guess that has the prescribed displacements."""
@@ -173,7 +193,7 @@ class _Path:
         return out
 
 
-def _follow(path: _Path, u: Floats, dt: float, steps: int) -> Iterator[Equilibrium]:
+def _follow(path: _Path, u: Floats, dt: float, steps: int, start: Equilibrium | None) -> Iterator[Equilibrium]:
     whole = 1 << CUTS
     ticks, cuts, count, work = 0, 0, 0, 0.0
 
@@ -181,26 +201,32 @@ def _follow(path: _Path, u: Floats, dt: float, steps: int) -> Iterator[Equilibri
         return ticks // whole * dt + ticks % whole * (dt / whole)
 
     def equilibrium() -> Equilibrium:
-        views = u.view(), held.view()
+        views = [u.view(), held.view()] + ([] if ahead is None else [ahead[0].view()])
         for x in views:
             x.flags.writeable = False
-        return Equilibrium(at(ticks), count, dt / 2**cuts, *views, work, initial, path.body)
+        change = None if ahead is None else views[2]
+        t, made_with = at(ticks), dt / 2**cuts
+        memory = path.inverse.memory
+        return Equilibrium(t, count, made_with, views[0], views[1], work, initial, path.body, change, memory)
 
-    b = path.pull(0.0)
-    guess = u.copy()
-    path.place(0.0, guess)
-    moved = guess - u
-    if len(path.inverse.free) and (moved.any() or b is not None):
-        guess = u + path.elastic(moved, b)
-    try:
-        u = path.settle(guess, b)
-    except NotConverged as error:
-        raise NotConverged(f"there is no equilibrium at t = 0 to start from: {error}") from None
-    held = path.reaction(u, b)
-    initial = path.body.energy(u)
-    now = equilibrium()
-    yield now
     ahead: tuple[Floats, int] | None = None  # the last change, and over how many ticks
+    if start is None:
+        b = path.pull(0.0)
+        u = path.first(u, b)
+        held = path.reaction(u, b)
+        initial = path.body.energy(u)
+    else:
+        check_start(start.u, len(u))
+        ticks, cuts = round(start.t / dt * whole), round(np.log2(dt / start.dt))
+        if abs(at(ticks) - start.t) > 1e-9 * dt or not 0 <= cuts <= CUTS or dt / 2**cuts != start.dt:
+            raise ValueError(f"steps of {dt}: the equilibrium to start from is at t = {start.t:g}, after {start.dt}")
+        u, held, count = start.u.copy(), start.reaction.copy(), start.step
+        work, initial, b = start.work, start.initial, path.pull(start.t)
+        ahead = None if start.change is None else (start.change.copy(), whole >> cuts)
+        path.inverse.recall(start.memory)
+    now = equilibrium()
+    if start is None:
+        yield now
     while ticks < steps * whole:
         while cuts and count and ticks % (whole >> max(cuts - 2, 0)) == 0:
             cuts -= 1
@@ -229,9 +255,9 @@ def _follow(path: _Path, u: Floats, dt: float, steps: int) -> Iterator[Equilibri
                 cuts += 1
         ticks, count = ticks + part, count + 1
         pulled = path.reaction(found, b1)
-        work += 0.5 * float((held + pulled) @ (found - u))
+        work += 0.5 * inner(held + pulled, found - u)
         if b is not None and b1 is not None:
-            work += 0.5 * float((b + b1) @ (found - u))
+            work += 0.5 * inner(b + b1, found - u)
         ahead = (found - u, part)
         u, b, held = found, b1, pulled
         now = equilibrium()

@@ -1,13 +1,16 @@
-"""Tell a run that has become unstable from one that merely ripples."""
+"""Tell a run that has become unstable from one that merely ripples, where it is, and what is likely to be the cause."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from .cfl import StepLimit
-from .state import State
+from ..geometry.simplices import describe_point
+from .cfl import StepLimit, TangentLimit
+from .mass_solver import Lumped
+from .state import Energies, State
 
 # The alarms. Of the peak energy, what the balance of a run may be off beyond the ripple of its fast modes: round-off in
 # a linear run, at most 0.0013 (ripple included) in the branching plate.
@@ -22,37 +25,76 @@ _EARLY = (10, 30)  # a step far beyond the limit shows itself at once
 
 
 class UnstableRun(RuntimeError):
-    """The energy balance broke: the step is too large, or the load is not what was meant."""
+    """The energy balance broke: the step is too large, or the load is not what was meant.
+
+    ``state`` is a copy of the last state whose balance held, None where none was looked at before; ``step`` is
+    where the alarm was given, ``vertex`` where the acceleration was largest, or the first that is not finite.
+    """
+
+    def __init__(self, message: str, state: State | None = None, step: int = 0, vertex: int | None = None) -> None:
+        super().__init__(message)
+        self.state, self.step, self.vertex = state, step, vertex
 
 
 @dataclass
 class Watch:
-    """Look at the energy balance now and then, and stop the run when it is broken."""
+    """Look at the energy balance now and then, and stop the run when it is broken.
+
+    ``every`` so many steps (0: never); :meth:`look` looks at once. ``good`` is a copy of the last state that held.
+    """
 
     every: int
     limit: StepLimit | None
     peak: float = 0.0
     damps: bool = False  # energy may be lost, as by Newmark's method with gamma > 1/2
+    good: State | None = None
 
-    def look(self, state: State) -> None:
-        what = self._complaint(state)
-        if what is not None:
-            known = ""
-            if self.limit is not None:
-                known = f", which is {state.dt / self.limit.dt:.4g} times the stable limit {self.limit.dt:.6g}"
-            advice = "Take a smaller dt, or let loads and motions grow over several steps"
-            if not getattr(state._body, "symmetric", True):
-                advice = "Its rule is one-sided: such a force can feed a motion at any dt; take a symmetric rule"
-            raise UnstableRun(
-                f"the run became unstable by step {state.step} (t = {state.t:.6g}): {what}; "
-                f"dt = {state.dt:.6g}{known}. {advice}"
-            )
+    def look(self, state: State, energies: Energies | None = None) -> None:
+        """Look at a state, and keep a copy. Raises :class:`UnstableRun`.
 
-    def _complaint(self, state: State) -> str | None:
+        ``energies`` are those of the state, where they are known.
+        """
+        what = self._complaint(state, energies)
+        if what is None:
+            self.good = state.copy()
+            return
+        known = ""
+        if self.limit is not None:
+            known = f", which is {state.dt / self.limit.dt:.4g} times the stable limit {self.limit.dt:.6g}"
+        vertex, place = _place(state)
+        raise UnstableRun(
+            f"the run became unstable by step {state.step} (t = {state.t:.6g}){place}: {what}; "
+            f"dt = {state.dt:.6g}{known}. {self._cause(state)}",
+            self.good,
+            state.step,
+            vertex,
+        )
+
+    def _cause(self, state: State) -> str:
+        """What is likely to be the cause, and what to do."""
+        body = state._body
+        if not getattr(body, "symmetric", True):
+            return "Its rule is one-sided: such a force can feed a motion at any dt; take a symmetric rule"
+        if self.limit is None:
+            return "Take a smaller dt, or let loads and motions grow over several steps"
+        if state.dt > self.limit.dt:
+            return "Take a smaller dt: the step is above the limit"
+        if self.good is not None and hasattr(body, "tangent_operator"):
+            mass = state._mass
+            now = TangentLimit(body, mass.m if isinstance(mass, Lumped) else mass.M).at(self.good.u)
+            if state.dt > 1.05 * now:  # that limit is 2 % on the safe side, and more
+                return f"Take a smaller dt: the material has stiffened, at the last good state the limit was {now:.6g}"
+        return (
+            "The step is below the limit: let loads and motions grow over several steps, or look at their units, "
+            "for a load far beyond what the body carries throws parts of it about"
+        )
+
+    def _complaint(self, state: State, energies: Energies | None) -> str | None:
         if not hasattr(state._body, "energy"):
             return None if np.isfinite(state.v).all() else "the velocities are no longer finite"
         with np.errstate(over="ignore", invalid="ignore"):
-            energies, ripple = state.energies, state.ripple - state.initial_ripple
+            energies = state.energies if energies is None else energies
+            ripple = state.ripple - state.initial_ripple
         supplied = abs(energies.initial) + abs(energies.work)
         self.peak = max(self.peak, supplied, energies.total)
         if not np.isfinite(energies.total) or (
@@ -73,3 +115,22 @@ class Watch:
     def due(self, step: int, last: bool) -> bool:
         """Return whether it is time to look."""
         return self.every > 0 and (step % self.every == 0 or step in _EARLY or last)
+
+
+def watching(watch: int | Watch, limit: StepLimit | None, peak: float, damps: bool = False) -> Watch:
+    """Return the watch of a run: every so many steps, or the caller's own, which learns of the limit and the peak."""
+    if not isinstance(watch, Watch):
+        return Watch(watch, limit, peak, damps)
+    watch.limit, watch.peak, watch.damps = limit, max(watch.peak, peak), damps
+    return watch
+
+
+def _place(state: State) -> tuple[int | None, str]:
+    """The vertex where a state is worst, and words for it: the first that is not finite, or the most accelerated."""
+    wrong = ~(np.isfinite(state.u) & np.isfinite(state.v) & np.isfinite(state.a))
+    at = int(np.argmax(wrong)) if wrong.any() else int(np.argmax(np.abs(state.a)))
+    basis: Any = getattr(state._body, "basis", None)
+    if basis is None:
+        return None, f" at degree of freedom {at}"
+    vertex = at // basis.mesh.dim()
+    return vertex, f" at vertex {vertex}, {describe_point(basis.mesh.p[:, vertex])}"
