@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, frexp, inf, isfinite, ldexp, nan, sqrt
+from math import ceil, inf, isfinite, nan, sqrt
 
 import numpy as np
 import scipy.sparse as sparse
@@ -45,12 +45,10 @@ class StepLimit:
     def dt(self) -> float:
         """The step from ``min(nodal bound, Ritz value + residual + 0.5 %)``: Lanczos approaches from the unsafe side.
 
-        The half per cent is left out where the whole spectrum was computed (``products == 0``). 33 bits are kept:
-        the others depend on how many threads BLAS has, and all times of a run on them.
+        The half per cent is left out where the whole spectrum was computed (``products == 0``).
         """
         ritz = (self.eigenvalue + self.residual) * (1.0 + (_MISSED if self.products else 0.0))
-        dt = 2.0 / sqrt(ritz if ritz < self.nodal_bound else self.nodal_bound)
-        return _rounded(dt) if self.products else dt
+        return 2.0 / sqrt(ritz if ritz < self.nodal_bound else self.nodal_bound)
 
     def exceeded(self, dt: float) -> bool:
         """Return whether a step is too long for certain: a Ritz value is never above the largest eigenvalue.
@@ -191,12 +189,6 @@ def stable_time_step(
         raise ValueError("the largest eigenvalue did not converge and no bound is known: give the step yourself")
     density = float((lumped.reshape(-1, body.bonds.dim)[:, 0] / vertex_volumes(body.bonds.mesh)).min())
     return StepLimit(value, residual, nodal, row_sum, closed_form(body, density), products)
-
-
-def _rounded(x: float) -> float:
-    """A number to 33 bits, ten digits: rounded alike in units that differ by powers of two."""
-    fraction, exponent = frexp(x)
-    return ldexp(round(ldexp(fraction, 33)), exponent - 33)
 
 
 class TangentLimit:
