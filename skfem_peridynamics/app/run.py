@@ -144,7 +144,8 @@ class _Run:
         if resume:
             finished = _finished(self.out)
             if finished is not None:
-                self._same(finished["run"], "finished run", ())
+                self._same(finished["run"], "a finished run of another scene", ())
+                _log.warning("the run in %r is finished: there is nothing to go on with", str(self.out))
                 return finished
         try:
             found = checkpoint.latest(self.out, _log.warning if resume else _ignore)
@@ -157,7 +158,7 @@ class _Run:
         known = found.facts.get("run")
         known = known if isinstance(known, dict) else {}
         if resume:
-            self._same(known, "checkpoint", ("versions",))
+            self._same(known, "the checkpoint of another run", ("versions",))
             try:
                 if found.facts.get("limit") is not None:
                     limit = StepLimit(**found.facts["limit"])
@@ -181,7 +182,7 @@ class _Run:
         if wrong:
             more = f", and {len(wrong) - 3} more" if len(wrong) > 3 else ""
             raise SceneError(
-                f"output folder {str(self.out)!r} holds the {what} of another run: {'; '.join(wrong[:3])}{more}"
+                f"output folder {str(self.out)!r} holds {what}: {'; '.join(wrong[:3])}{more}"
             )
 
     def _set_up(self) -> None:
