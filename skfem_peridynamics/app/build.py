@@ -30,7 +30,8 @@ from ..solve.cfl import StepLimit, stable_time_step
 from ..solve.constraints import Prescribed
 from ..solve.newton import Effort
 from . import conditions
-from .meshes import blame, free_memory, make_mesh
+from .memory import free_memory
+from .meshes import blame, make_mesh
 from .reading import SceneError
 from .scene import Scene, Where
 
@@ -42,13 +43,13 @@ _MOST_STEPS = 1e10
 _PROGRAM = 120_000_000  # bytes of the interpreter and the libraries
 _BALANCING = {1: 180, 2: 400, 3: 800}  # bytes a bond while weights are balanced
 SPARE = 0.8  # of the free memory that a run may plan to take
-_PRODUCTS = 40  # of a step limit
-_PER_IMPLICIT_STEP = 50  # evaluations of force, energy or tangent; 75 in examples/double_cantilever.toml
+PRODUCTS = 40  # of a step limit
+PER_IMPLICIT_STEP = 50  # evaluations of force, energy or tangent; 75 in examples/double_cantilever.toml
 _SPARSE = 7e-9  # seconds a bond and force by sparse products (docs/performance.md)
 _LOADING = 1.0  # seconds that it takes to load compiled loops, with what numba itself loads
 
 
-def _worth_compiling(nbonds: int, evaluations: float) -> bool:
+def worth_compiling(nbonds: int, evaluations: float) -> bool:
     """Return whether so many forces take longer by sparse products than it takes to load compiled loops."""
     return nbonds * evaluations * _SPARSE > _LOADING
 
@@ -132,13 +133,7 @@ class Problem:
         extent = float(np.ptp(self.mesh.p, axis=1).max())
         if table.horizon > extent:
             _log.warning("bonds.horizon = %g is larger than the body, which measures %g", table.horizon, extent)
-        expected = self.expected_bonds
-        need = self.expected_bytes
-        if need > SPARE * free_memory():
-            raise SceneError(
-                f"bonds.horizon = {table.horizon:g} makes about {expected:.3g} bonds, which need {need / 1e9:.3g} GB; "
-                f"{free_memory() / 1e9:.3g} GB are free: take a smaller horizon or a coarser mesh"
-            )
+        self.check_memory()
         with blame("bonds"):
             _ = bonds.parts  # made here, where a vertex without a bond has a key to blame
             if self.form.balanced:
@@ -215,6 +210,15 @@ class Problem:
             int(self.expected_bonds * per_bond + matrices) + 60 * 8 * dim * nvertices + 200 * dim * nelements + _PROGRAM
         )
 
+    def check_memory(self) -> None:
+        """Raise :class:`SceneError` where the run would take more memory than there is."""
+        need, free = self.expected_bytes, free_memory()
+        if need > SPARE * free:
+            raise SceneError(
+                f"bonds.horizon = {self.scene.bonds.horizon:g} makes about {self.expected_bonds:.3g} bonds, which need "
+                f"{need / 1e9:.3g} GB; {free / 1e9:.3g} GB are free: take a smaller horizon or a coarser mesh"
+            )
+
     @cached_property
     def resting(self) -> Peridynamics:
         """The body for what is asked of it at rest, the step limit before all: some forty products."""
@@ -223,13 +227,13 @@ class Problem:
         body = Peridynamics(self.bonds, self.material, no_fail=no_fail)
         with blame("material"):
             _ = body.laws
-        return body if _worth_compiling(self.bonds.nbonds, _PRODUCTS) else body.with_(compiled=False)
+        return body if worth_compiling(self.bonds.nbonds, PRODUCTS) else body.with_(compiled=False)
 
     @cached_property
     def body(self) -> Peridynamics:
         """The body that is stepped: by compiled loops where they save more than it takes to load them."""
-        evaluations = self.scene.time.until / self.dt * (1 if self.explicit else _PER_IMPLICIT_STEP)
-        worth = _worth_compiling(self.bonds.nbonds, evaluations)
+        evaluations = self.scene.time.until / self.dt * (1 if self.explicit else PER_IMPLICIT_STEP)
+        worth = worth_compiling(self.bonds.nbonds, evaluations)
         return self.resting.with_(compiled=None if worth else False)
 
     @cached_property

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from math import ceil, isfinite
+from math import ceil, inf, isfinite
 
+from .._compile import installed
 from ..material.influence import as_influence
-from .build import Problem
+from .build import PER_IMPLICIT_STEP, PRODUCTS, Problem, worth_compiling
 from .march import march, notes
-from .meshes import blame, free_memory
-from .reading import SceneError
+from .memory import free_memory
+from .meshes import blame
 from .scene import Scene
 
+# seconds a vertex and a bond of a set-up, a bond while weights are balanced, a vertex of a frame; bytes of that
+_VERTEX, _BOND, _BALANCED, _IN_FRAME = 3e-6, 1.2e-7, 6e-5, 6e-6
+_FRAME_BYTES = {1: 30, 2: 42, 3: 60}
 # so many bonds are made in a second or two; a scene with more is told from estimates
 _TRIED = 3_000_000
 _SPARSE, _COMPILED = (
@@ -37,10 +41,8 @@ def check(scene: Scene) -> list[tuple[str, str]]:
     rows = [("dimension, nodes", f"{dim}, {problem.mesh.nvertices}")]
     # the exact integrals allow at least this step, wherever they bound it
     lam = 8.0 * slope * influence.mean_inverse_power(1.0, dim) / (problem.lightest * dim * scene.bonds.horizon**2)
-    if need > free_memory():
-        raise SceneError(
-            f"bonds.horizon = {scene.bonds.horizon:g} makes about {expected:.3g} bonds: {need / 1e9:.3g} GB"
-        )
+    problem.check_memory()
+    steps: float
     if expected <= _TRIED:
         rows.append(("bonds", f"{problem.bonds.nbonds}"))
         with blame("material"):
@@ -49,8 +51,6 @@ def check(scene: Scene) -> list[tuple[str, str]]:
         if problem.explicit:
             of_limit = problem.dt / problem.limit.dt
             rows.append(("steps", f"{steps} of {problem.dt:.4g}, {of_limit:.3g} of the stable limit"))
-            per_bond = _COMPILED if problem.body.compiles else _SPARSE
-            rows.append(("stepping", f"about {steps * problem.bonds.nbonds * per_bond:.2g} s"))
         else:
             rows.append(("steps", f"{steps} of {problem.dt:.4g}, {problem.scheme}"))
             march(problem, problem.dt)
@@ -58,10 +58,38 @@ def check(scene: Scene) -> list[tuple[str, str]]:
     else:
         rows.append(("bonds", f"about {expected}"))
         if time.step is not None or time.steps is not None:
-            rows.append(("steps", f"{ceil(time.until / problem.dt - 1e-9)} of {problem.dt:.4g}"))
+            steps = ceil(time.until / problem.dt - 1e-9)
+            rows.append(("steps", f"{steps} of {problem.dt:.4g}"))
         elif isfinite(lam):
-            rows.append(("steps", f"at most about {ceil(time.until * lam**0.5 / 2 / time.part)}"))
+            steps = ceil(time.until * lam**0.5 / 2 / time.part)
+            rows.append(("steps", f"at most about {steps}"))
         else:
+            steps = inf
             rows.append(("steps", "not known before the bonds are made: in 1D the exact integrals have no bound"))
     rows.append(("memory", f"about {need / 1e6:.0f} MB of {free_memory() / 1e6:.0f} MB free"))
-    return rows
+    return [*rows, ("time", _seconds(problem, expected, steps)), ("output", _output(problem))]
+
+
+def _seconds(problem: Problem, nbonds: int, steps: float) -> str:
+    """Say how long it takes on two cores, from costs a bond, a vertex and a frame."""
+    nodes = int(problem.mesh.nvertices)
+    forces = steps if problem.explicit else steps * PER_IMPLICIT_STEP
+    fast = installed() and worth_compiling(nbonds, forces)
+    parts = {"set-up": nodes * _VERTEX + nbonds * (_BOND + (_BALANCED if problem.form.balanced else 0.0))}
+    if problem.explicit:
+        limit_fast = installed() and worth_compiling(nbonds, PRODUCTS)
+        parts["step limit"] = PRODUCTS * nbonds * (_COMPILED if limit_fast else _SPARSE)
+    parts["steps"] = forces * nbonds * (_COMPILED if fast else _SPARSE)
+    parts["output"] = problem.scene.output.frames * nodes * _IN_FRAME
+    listed = ", ".join(f"{name} {value:.2g} s" for name, value in parts.items() if isfinite(value))
+    return (f"about {sum(parts.values()):.2g} s: " if isfinite(steps) else "") + listed
+
+
+def _output(problem: Problem) -> str:
+    output = problem.scene.output
+    size = int(problem.mesh.nvertices) * _FRAME_BYTES[problem.mesh.dim()] / 1e6
+    said = f"{output.frames} frames of about {size:.2g} MB, {output.history} rows, "
+    every = output.every
+    if every.steps:
+        return f"{said}a checkpoint every {every.steps} steps"
+    return said + (f"a checkpoint every {every.seconds:g} s" if every.seconds else "no checkpoints")

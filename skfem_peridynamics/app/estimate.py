@@ -18,7 +18,7 @@ from ..model.mass import mass_matrix
 from .build import SPARE, Problem
 from .files import make_folder
 from .march import march
-from .meshes import free_memory
+from .memory import free_memory
 from .scene import Scene
 from .studies import Result
 

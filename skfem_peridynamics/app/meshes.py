@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import contextlib
 import io
-import os
+import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from .._types import Mesh
 from ..geometry.simplices import check_simplices, describe_point
+from .memory import free_memory
 from .reading import SceneError
 from .tables import MeshTable
+
+_PRINTING = threading.Lock()
+_READING = 8  # bytes of memory a byte of a mesh file
 
 
 @contextlib.contextmanager
@@ -29,15 +34,23 @@ def blame(path: str) -> Iterator[None]:
 
 def read_mesh(path: Path) -> Mesh:
     """Return the simplicial mesh in a file that meshio reads; physical groups become boundaries and subdomains."""
-    import meshio
     from skfem.io.meshio import from_meshio
+
+    from .foreign import read
 
     if not path.is_file():
         raise SceneError(f"mesh.file = {str(path)!r} is not a file")
+    if path.stat().st_size * _READING > free_memory():
+        raise SceneError(
+            f"mesh.file = {str(path)!r} has {path.stat().st_size / 1e6:.3g} MB; reading it takes about "
+            f"{_READING} times as much memory, and {free_memory() / 1e6:.3g} MB are free: take a coarser mesh"
+        )
     said = io.StringIO()  # meshio prints its reasons
     try:
-        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
-            content = meshio.read(path)
+        # the output is one for all threads: two that take it at once would not give it back
+        with _PRINTING, contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+            content = read(path)
+            _check_cells(content)
             mesh = from_meshio(content, ignore_orientation=True)
     except (SystemExit, Exception) as error:  # whatever a reader of a foreign format may raise
         reason = " ".join((said.getvalue() or str(error)).split())
@@ -51,6 +64,14 @@ def read_mesh(path: Path) -> Mesh:
                 f"{describe_point(spread)}; a surface or a curve in space is not a body"
             )
     return mesh
+
+
+def _check_cells(content: Any) -> None:
+    """Raise ``ValueError`` for elements of vertices that are not there."""
+    count = len(content.points)
+    for block in content.cells:
+        if block.data.size and not 0 <= block.data.min() <= block.data.max() < count:
+            raise ValueError(f"a {block.type} has vertex {block.data.max()}; the file has {count} vertices")
 
 
 def make_mesh(spec: MeshTable, folder: Path) -> Mesh:
@@ -83,18 +104,3 @@ def _with_sides(mesh: Mesh) -> Mesh:
             if len(on):
                 sides[name] = on
     return mesh.with_boundaries(sides)
-
-
-def free_memory() -> float:
-    """Return the bytes of memory that are free now, or infinity where the system does not tell."""
-    try:
-        with open("/proc/meminfo") as table:
-            for line in table:
-                if line.startswith("MemAvailable"):
-                    return 1024.0 * float(line.split()[1])
-    except OSError:
-        pass
-    try:
-        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    except (ValueError, OSError, AttributeError):
-        return float("inf")

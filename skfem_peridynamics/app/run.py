@@ -26,6 +26,7 @@ from .files import OutputError, hold, make_folder
 from .formula import FormulaError
 from .identity import differences, identity
 from .march import march, notes
+from .memory import peak_memory_mb
 from .meshes import blame
 from .output import History, write_summary
 from .progress import Progress, Silent
@@ -37,15 +38,6 @@ from .signals import Signals
 _log = logging.getLogger("skfem_peridynamics")
 _LOOK = 100  # steps between two looks at the energy balance
 WORTH_KEEPING = 60.0  # seconds of a run that another does not throw away unasked
-
-
-def peak_memory_mb() -> float:
-    """Return the largest memory this process has held, in MB (nan where the system does not tell)."""
-    try:
-        import resource
-    except ImportError:
-        return float("nan")
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
 def run(
@@ -181,9 +173,7 @@ class _Run:
         wrong = differences(known, self.who, also)
         if wrong:
             more = f", and {len(wrong) - 3} more" if len(wrong) > 3 else ""
-            raise SceneError(
-                f"output folder {str(self.out)!r} holds {what}: {'; '.join(wrong[:3])}{more}"
-            )
+            raise SceneError(f"output folder {str(self.out)!r} holds {what}: {'; '.join(wrong[:3])}{more}")
 
     def _set_up(self) -> None:
         problem, clock = self.problem, self.clock
