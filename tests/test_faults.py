@@ -264,7 +264,7 @@ def test_a_load_that_is_too_much_is_named(tmp_path):
     """Below the limit the step is not blamed."""
     scene = small(
         motion=('component = "x", displacement = 0', 'component = "x", velocity = "100*step(t-1)"'),
-        long=("until = 3.0", "until = 30.0"),
+        long=("until = 3.0", "until = 5.0"),
         rows=("history = 12", "history = 200"),
     )
     with pytest.raises(UnstableRun, match="The step is below the limit: let loads and motions grow over several steps"):
