@@ -14,7 +14,7 @@ import numpy as np
 from .._types import Mesh
 from ..geometry.simplices import check_simplices, describe_point
 from .memory import free_memory
-from .reading import SceneError
+from .reading import LARGEST, SceneError
 from .tables import MeshTable
 
 _PRINTING = threading.Lock()
@@ -67,8 +67,11 @@ def read_mesh(path: Path) -> Mesh:
 
 
 def _check_cells(content: Any) -> None:
-    """Raise ``ValueError`` for elements of vertices that are not there."""
+    """Raise ``ValueError`` for elements of vertices that are not there, and vertices that are nowhere."""
     count = len(content.points)
+    far = np.flatnonzero(~(np.abs(content.points) <= LARGEST).all(axis=1))
+    if len(far):
+        raise ValueError(f"its vertex {far[0]} is at {describe_point(content.points[far[0]])}")
     for block in content.cells:
         if block.data.size and not 0 <= block.data.min() <= block.data.max() < count:
             raise ValueError(f"a {block.type} has vertex {block.data.max()}; the file has {count} vertices")

@@ -9,7 +9,7 @@ from difflib import get_close_matches
 from typing import Any, TypeVar
 
 _T = TypeVar("_T")
-_LARGEST = 1e100  # powers of it must stay numbers
+LARGEST = 1e100  # powers of it must stay numbers
 
 
 class SceneError(ValueError):
@@ -62,7 +62,7 @@ def tables(kind: type[_T]) -> Callable[[Any, str], tuple[_T, ...]]:
 
 
 def number(value: Any, path: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= _LARGEST:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= LARGEST:
         shown = repr(value) if len(repr(value)) < 60 else f"{repr(value)[:50]}..."
         raise SceneError(f"{path} = {shown} must be a finite number")
     return float(value)

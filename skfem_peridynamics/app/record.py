@@ -21,7 +21,7 @@ from .checkpoint import Checkpoint, DamagedCheckpoint, write_checkpoint
 from .files import OutputError
 from .output import Frames, History, clear, frame_name
 from .progress import Progress
-from .reading import SceneError
+from .reading import LARGEST, SceneError
 
 _log = logging.getLogger("skfem_peridynamics")
 COLUMNS = (
@@ -185,12 +185,15 @@ def restore(checkpoint: Checkpoint, problem: Problem, clock: Clock, watch: Watch
     """Bring back what a run had spent and seen. Raises :class:`DamagedCheckpoint` for what no run has written."""
     facts = checkpoint.facts
     try:
-        u, size = checkpoint.state.u, problem.basis.N
-        if len(u) != size or not np.isfinite(u).all() or any(len(row) != len(COLUMNS) for row in checkpoint.rows):
-            raise DamagedCheckpoint("the checkpoint does not fit the body")
+        state, size = checkpoint.state, problem.basis.N
+        vectors = [getattr(state, name, None) for name in ("u", "v", "a", "reaction", "change")]
+        vectors += [state.memory.tangent] if state.memory is not None else []
+        whole = all(x is None or (len(x) == size and bool((np.abs(x) <= LARGEST).all())) for x in vectors)
+        if not whole or any(len(row) != len(COLUMNS) for row in checkpoint.rows):
+            raise DamagedCheckpoint("its vectors or rows do not fit the body")
         clock.add({str(name): float(value) for name, value in facts["seconds"].items()})
         watch.peak = float(facts["peak"])
         for name, value in facts["effort"].items():
             setattr(problem.effort, str(name), int(value))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise DamagedCheckpoint(f"the checkpoint is none that a run wrote: {error}") from None
+        raise DamagedCheckpoint(f"it is none that a run wrote: {error}") from None

@@ -63,6 +63,8 @@ def run(
     then stays, and the summary says why the run stopped.
     """
     out = Path(out)
+    if "\0" in str(out):
+        raise SceneError(f"output folder {str(out)!r} is no name of a folder")
     if out.exists() and not out.is_dir():
         raise SceneError(f"output folder {str(out)!r} exists and is not a folder")
     with contextlib.ExitStack() as stack:

@@ -206,6 +206,8 @@ class Scene:
             raise SceneError(f"scene {str(path)!r} cannot be read: {error.strerror}") from None
         except UnicodeDecodeError:
             raise SceneError(f"scene {str(path)!r} is not UTF-8 text") from None
+        except ValueError as error:  # a name that is none to the system
+            raise SceneError(f"scene {str(path)!r} cannot be read: {error}") from None
         try:
             return cls.parse(content, path.parent)
         except SceneError as error:
