@@ -187,8 +187,12 @@ def test_a_law_that_stiffens_takes_an_adapted_step():
     p = body.bonds.mesh.p
     u0 = np.stack([1.0 * np.cos(np.pi * p[0]), 0 * p[0]], axis=1).ravel()
     options = {"dt": 0.7 * limit.dt, "until": 70 * limit.dt, "limit": limit}
-    with pytest.raises(peri.UnstableRun):
+    with pytest.raises(
+        peri.UnstableRun, match="Take a smaller dt: the material has stiffened, the limit is 0"
+    ) as error:
         list(peri.central_difference(body, M, u0, **options))
+    assert error.value.state.step < error.value.step
+    assert np.isfinite(error.value.state.u).all()
     right = np.flatnonzero(p[0] > 1 - 1e-9)
     moved = peri.Prescribed(2 * right, displacement=lambda t: u0[2 * right] * np.cos(0.05 * t))
     states = [

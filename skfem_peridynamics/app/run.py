@@ -258,6 +258,7 @@ class _Run:
                 "peak_memory_mb": round(peak_memory_mb(), 1),
                 **({"stiffness_products_for_cfl": limit.products} if limit is not None else {}),
                 "resumed_at_steps": self.resumed,
+                "checkpoints": self.record.checkpoints,
             }
         summary["run"] = self.who
         try:

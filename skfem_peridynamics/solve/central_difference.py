@@ -164,8 +164,9 @@ def _steps(
             x.flags.writeable = False
         return State(at(step), step, dt, views[0], views[1], views[2], work, initial, ripple, 0.25, body, mass)
 
+    now = state()
+    guard.good = now.copy()
     if start is None:
-        now = state()
         yield now
     du, half = np.empty_like(u), 0.5 * dt * a  # half a step's change of velocity, twice
     end = until * (1.0 - 1e-12)

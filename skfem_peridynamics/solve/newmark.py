@@ -208,6 +208,7 @@ def _steps(
         )
 
     now = state()
+    guard.good = now.copy()
     if start is None:
         yield now
     end = until * (1.0 - 1e-12)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,8 +28,8 @@ _EARLY = (10, 30)  # a step far beyond the limit shows itself at once
 class UnstableRun(RuntimeError):
     """The energy balance broke: the step is too large, or the load is not what was meant.
 
-    ``state`` is a copy of the last state whose balance held, None where none was looked at before; ``step`` is
-    where the alarm was given, ``vertex`` where the acceleration was largest, or the first that is not finite.
+    ``state`` is a copy of the last state whose balance was seen to hold, at first the initial one; ``step`` is where
+    the alarm was given, ``vertex`` where the acceleration was largest, or the first that is not finite.
     """
 
     def __init__(self, message: str, state: State | None = None, step: int = 0, vertex: int | None = None) -> None:
@@ -79,15 +80,23 @@ class Watch:
             return "Take a smaller dt, or let loads and motions grow over several steps"
         if state.dt > self.limit.dt:
             return "Take a smaller dt: the step is above the limit"
-        if self.good is not None and hasattr(body, "tangent_operator"):
-            mass = state._mass
-            now = TangentLimit(body, mass.m if isinstance(mass, Lumped) else mass.M).at(self.good.u)
+        if hasattr(body, "tangent_operator"):
+            now = self._stiffest_limit(state)
             if state.dt > 1.05 * now:  # that limit is 2 % on the safe side, and more
-                return f"Take a smaller dt: the material has stiffened, at the last good state the limit was {now:.6g}"
+                return f"Take a smaller dt: the material has stiffened, the limit is {now:.6g} by now"
         return (
             "The step is below the limit: let loads and motions grow over several steps, or look at their units, "
             "for a load far beyond what the body carries throws parts of it about"
         )
+
+    def _stiffest_limit(self, state: State) -> float:
+        """The limit of the tangent, at the last good state or where the run is now: the smaller one."""
+        mass = state._mass
+        tangent = TangentLimit(state._body, mass.m if isinstance(mass, Lumped) else mass.M)
+        some = [one.u for one in (self.good, state) if one is not None and np.isfinite(one.u).all()]
+        with np.errstate(all="ignore"), contextlib.suppress(ValueError):  # numbers too large for an eigenvalue
+            return min((tangent.at(u) for u in some), default=np.inf)
+        return float(np.inf)
 
     def _complaint(self, state: State, energies: Energies | None) -> str | None:
         if not hasattr(state._body, "energy"):
