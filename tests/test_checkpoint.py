@@ -16,7 +16,9 @@ from faults import RESULTS, SMALL, StopAt, Stopped, results, small, stop
 
 import skfem_peridynamics as peri
 from skfem_peridynamics import Scene, run
-from skfem_peridynamics.app import identity
+from skfem_peridynamics.analysis.clock import Clock
+from skfem_peridynamics.app import build, identity
+from skfem_peridynamics.app.build import Problem
 from skfem_peridynamics.app.checkpoint import (
     NAME,
     OLDER,
@@ -28,8 +30,10 @@ from skfem_peridynamics.app.checkpoint import (
 )
 from skfem_peridynamics.app.cli import main
 from skfem_peridynamics.app.reading import SceneError
+from skfem_peridynamics.app.record import restore
 from skfem_peridynamics.app.signals import Interrupted, Signals
 from skfem_peridynamics.solve.state import State
+from skfem_peridynamics.solve.watch import Watch
 
 CANTILEVER = """
 title = "torn"
@@ -319,6 +323,18 @@ def test_signals_of_the_host_are_its_own(tmp_path):
     other.start()
     other.join()
     assert done == ["finished"]
+
+
+def test_the_limit_is_not_computed_again_and_the_peak_is_known(whole, tmp_path, monkeypatch):
+    scene = Scene.parse(SCHEMES["central difference"])
+    stop(scene, tmp_path, 12)
+    found = read_checkpoint(tmp_path / NAME)
+    watch = Watch(100, None)
+    restore(found, Problem(scene), Clock(), watch)
+    assert watch.peak == found.facts["peak"] > 0.0
+    monkeypatch.setattr(build, "stable_time_step", None)
+    run(scene, tmp_path, resume=True)
+    assert results(tmp_path) == whole("central difference")
 
 
 def test_a_clock_that_jumps(whole, tmp_path, monkeypatch):

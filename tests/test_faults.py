@@ -3,6 +3,7 @@
 The short form is part of the suite; the long one, hundreds of each fault, is  pytest -m long tests/test_faults.py -s
 """
 
+import contextlib
 import os
 import random
 import shutil
@@ -232,7 +233,16 @@ def test_links_are_not_followed(whole, tmp_path):
     for name in names:
         os.symlink(outside, out / name)
         os.symlink(outside, out / f"{name}.part")
-    run(small(), out)
+
+    class Plant(faults.Silent):
+        """And links that appear while it goes on."""
+
+        def advance(self, step, energy=None, largest_Z=None):
+            for name in ("frame_0003.vtu", NAME, "summary.json"):
+                with contextlib.suppress(FileExistsError):
+                    os.symlink(outside, out / f"{name}.part")
+
+    run(small(), out, Plant())
     assert outside.read_text() == "mine"
     assert results(out) == whole[0]
     assert not any(path.is_symlink() for path in out.iterdir() if not path.name.endswith("bin.part"))
@@ -257,7 +267,7 @@ def test_the_last_good_state_is_kept(tmp_path):
     rows = (tmp_path / "history.csv").read_text().splitlines()[1:]
     assert all(float(row.split(",")[1]) <= error.value.step for row in rows)
     assert all(abs(float(row.split(",")[7])) < 1e-3 for row in rows)  # no row of what had gone wrong
-    assert [row[1] for row in kept.rows] == [k for k in (row[1] for row in kept.rows) if k <= kept.state.step]
+    assert all(row[1] <= kept.state.step for row in kept.rows)
 
 
 def test_a_load_that_is_too_much_is_named(tmp_path):

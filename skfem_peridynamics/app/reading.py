@@ -71,6 +71,8 @@ def number(value: Any, path: str) -> float:
 def positive(value: Any, path: str) -> float:
     if number(value, path) <= 0.0:
         raise SceneError(f"{path} = {value!r} must be a positive number")
+    if value < 1.0 / LARGEST:
+        raise SceneError(f"{path} = {value!r} is too small to compute with; it must be at least {1.0 / LARGEST:g}")
     return float(value)
 
 

@@ -41,9 +41,9 @@ COLUMNS = (
 class Marks:
     """``count`` steps spread over a run, the first and the last among them: what is in it is counted, not listed.
 
-    >>> marks = Marks(10, 3)
+    >>> marks = Marks(10, 4)
     >>> [step for step in range(11) if step in marks]
-    [0, 5, 10]
+    [0, 3, 7, 10]
     """
 
     def __init__(self, steps: int, count: int) -> None:
@@ -132,15 +132,14 @@ class Record:
     def save(self, state: State | Equilibrium) -> bool:
         """Write a checkpoint; where that fails the run goes on, and says so. Return whether it was written."""
         with self.clock.phase("checkpoints"):
-            rows = [row for row in self.history.rows if row[1] <= state.step]
-            frames = [] if self.frames is None else [t for t in self.frames.times if t <= state.t]
+            frames = [] if self.frames is None else self.frames.times
             facts = self.facts | {
                 "seconds": self.clock.so_far(),
                 "peak": self.watch.peak,
                 "effort": dataclasses.asdict(self.problem.effort),
             }
             try:
-                write_checkpoint(self.out, Checkpoint(state, rows, frames, facts))
+                write_checkpoint(self.out, Checkpoint(state, self.history.rows, frames, facts))
             except OutputError as error:
                 _log.warning("%s; the run goes on without this checkpoint", error)
                 return False
