@@ -472,7 +472,8 @@ def test_readers_that_never_end_are_ended(file, tmp_path, monkeypatch):
         "a.off": b"OFF\n",
         "a.wkt": b"TIN (" + 3 * triangle + b"((0.0 1.0 0.0 0.0, 0.5 0.5 0.0, 0.0 1.0 0.0)))",
         "a.ply": b"ply\nformat binary_little_endian 1.0\nelement vertex 5\nproperty double x\n",
-        "a.dat": b'VARIABLES = "X", "Y"\nZONE NODES = 5, ELEMENTS = 4,\nDATAPACKING = BLOCK, ZONETYPE = FETRIANGLE\n0 1\n0 0\n',
+        "a.dat": b'VARIABLES = "X", "Y"\nZONE NODES = 5, ELEMENTS = 4,\n'
+        b"DATAPACKING = BLOCK, ZONETYPE = FETRIANGLE\n0 1\n0 0\n",
         "a.node": b"# Thted ",
     }[file]
     (tmp_path / file).write_bytes(content)
