@@ -24,16 +24,28 @@ _CELLS = {1: "line", 2: "triangle", 3: "tetra"}
 _OTHERS = ("frames.pvd", "history.csv", "summary.json", "damage.png", "energies.png")
 
 
-def clear(folder: Path, frames: int = 0) -> None:
+def clear(folder: Path, times: Sequence[float] = ()) -> None:
     """Remove what an earlier run left in a folder, by the names that runs use; other files stay.
 
-    With ``frames`` the first so many of them and the files that a run continues stay too.
+    The frames of ``times``, which are continued, stay too, and the history, which takes the place of the old one.
     """
-    clear_frames(folder, frames)
     for name in _OTHERS:
-        for one in (name, name + ".part"):
-            if not (frames and one == "frames.pvd"):
-                (folder / one).unlink(missing_ok=True)
+        (folder / f"{name}.part").unlink(missing_ok=True)
+        if not (times and name in ("frames.pvd", "history.csv")):
+            (folder / name).unlink(missing_ok=True)
+    if times:
+        list_frames(folder, times)
+    clear_frames(folder, len(times))  # after the list: it never names what is not there
+
+
+def list_frames(folder: Path, times: Sequence[float]) -> None:
+    """Write ``frames.pvd``, which lists the frames."""
+    rows = "".join(f'    <DataSet timestep="{t!r}" file={quoteattr(frame_name(k))}/>\n' for k, t in enumerate(times))
+    write_whole(
+        folder / "frames.pvd",
+        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+        f"{rows}  </Collection>\n</VTKFile>\n",
+    )
 
 
 def clear_frames(folder: Path, keep: int = 0) -> None:
@@ -71,6 +83,8 @@ class Frames:
     def __post_init__(self) -> None:
         self.folder = Path(self.folder)
         self.folder.mkdir(parents=True, exist_ok=True)
+        if not self.times:
+            (self.folder / "frames.pvd").unlink(missing_ok=True)
         clear_frames(self.folder, len(self.times))
 
     def write(self, t: float, **fields: Floats) -> Path:
@@ -93,19 +107,8 @@ class Frames:
         with aside(path) as part:
             meshio.Mesh(points, cells, point_data=data).write(part, file_format="vtu")
         self.times.append(t)
-        self.index()
+        list_frames(Path(self.folder), self.times)
         return path
-
-    def index(self) -> None:
-        """Write ``frames.pvd``, which lists the frames."""
-        rows = "".join(
-            f'    <DataSet timestep="{t!r}" file={quoteattr(frame_name(k))}/>\n' for k, t in enumerate(self.times)
-        )
-        write_whole(
-            Path(self.folder) / "frames.pvd",
-            '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
-            f"{rows}  </Collection>\n</VTKFile>\n",
-        )
 
 
 def _single(values: Floats) -> Floats:

@@ -89,13 +89,11 @@ class Record:
                     "put it back, or start over with --restart"
                 )
         try:
-            clear(out, len(times))
+            clear(out, times)
         except OSError as error:
             raise OutputError(out, error) from error
         self.history = History(out / "history.csv", COLUMNS, () if earlier is None else earlier.rows)
         self.frames = Frames(out, problem.basis, times) if output.frames else None
-        if self.frames is not None and times:
-            self.frames.index()
         self.last = 0 if earlier is None else earlier.state.step
 
     def take(self, state: State | Equilibrium, now: int | None) -> None:
