@@ -257,3 +257,9 @@ def test_a_body_without_stiffness_has_no_step():
         for kind in ("lumped", "consistent"):
             with pytest.raises(ValueError, match="no bond has any stiffness"):
                 stable_time_step(body, mass_matrix(body.basis, kind=kind))
+
+
+def test_a_step_longer_than_the_run():
+    """The run is then one step."""
+    limit = peri.StepLimit(4e-30, 0.0, 8e-30, 8e-30, 8e-30, products=0)
+    assert limit.step_for(1.0) == 1.0

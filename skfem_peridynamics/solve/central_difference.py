@@ -192,7 +192,7 @@ def _steps(
         yield now
         if tangent is not None and again:
             origin, first, left = at(step), step, until - at(step)
-            dt = left / ceil(left / min(longest, part * tangent.at(u)) - 1e-9)
+            dt = left / max(1, ceil(left / min(longest, part * tangent.at(u)) - 1e-9))
             for one in fixed:  # what is prescribed arrives where it should after the next step, too
                 a[one.dofs] = 2.0 / dt * (one.mean_velocity(at(step), at(step + 1)) - v[one.dofs])
             np.multiply(a, 0.5 * dt, out=half)

@@ -68,7 +68,7 @@ class StepLimit:
         """
         if not (np.isfinite(until) and until > 0.0 and safety > 0.0):
             raise ValueError(f"until = {until} and safety = {safety} must be positive numbers")
-        return until / ceil(until / (safety * self.dt) - 1e-9)
+        return until / max(1, ceil(until / (safety * self.dt) - 1e-9))
 
     def steps(self) -> dict[str, float]:
         """Return the step that each estimate alone would allow (nan where there is none)."""
