@@ -5,7 +5,17 @@ import scipy.sparse
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from bodies import body_on, box, grid
-from skfem_peridynamics import BallRule, Crack, Exponential, Linear, PairRule, mass_matrix, slit, stable_time_step
+from skfem_peridynamics import (
+    BallRule,
+    Crack,
+    Exponential,
+    Linear,
+    PairRule,
+    StepLimit,
+    mass_matrix,
+    slit,
+    stable_time_step,
+)
 
 
 def true_limit(body, M):
@@ -261,5 +271,5 @@ def test_a_body_without_stiffness_has_no_step():
 
 def test_a_step_longer_than_the_run():
     """The run is then one step."""
-    limit = peri.StepLimit(4e-30, 0.0, 8e-30, 8e-30, 8e-30, products=0)
+    limit = StepLimit(4e-30, 0.0, 8e-30, 8e-30, 8e-30, products=0)
     assert limit.step_for(1.0) == 1.0
