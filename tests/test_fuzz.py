@@ -326,7 +326,7 @@ def mesh_seeds():
         for file, form, keys in (
             ("a.msh", "gmsh22", {"binary": False}), ("b.msh", "gmsh22", {"binary": True}),
             ("c.msh", "gmsh", {"binary": False}), ("d.msh", "gmsh", {"binary": True}), ("a.inp", "abaqus", {}),
-            ("a.vtu", "vtu", {}), ("a.vtk", "vtk", {}), ("a.mesh", "medit", {}), ("a.nas", "nastran", {}),
+            ("a.vtu", "vtu", {}), ("a.vtk", "vtk", {}), ("a.mesh", "medit", {}),
             ("a.vol", "netgen", {}), ("a.obj", "obj", {}), ("a.stl", "stl", {}),
         ):  # fmt: skip
             mesh.write(place / file, file_format=form, **keys)
@@ -463,7 +463,7 @@ def test_ten_thousand_things_come_in():
     assert past >= inputs / 2
 
 
-@pytest.mark.parametrize("file", ["a.off", "a.wkt", "a.ply", "a.dat", "a.node"])
+@pytest.mark.parametrize("file", ["a.off", "a.wkt", "a.ply", "a.dat", "a.node", "a.nas"])
 def test_readers_that_never_end_are_ended(file, tmp_path, monkeypatch):
     """Files cut short, in formats whose readers loop there: each was seen to."""
     monkeypatch.setattr("skfem_peridynamics.app.foreign._SECONDS", 1.5)
@@ -475,6 +475,7 @@ def test_readers_that_never_end_are_ended(file, tmp_path, monkeypatch):
         "a.dat": b'VARIABLES = "X", "Y"\nZONE NODES = 5, ELEMENTS = 4,\n'
         b"DATAPACKING = BLOCK, ZONETYPE = FETRIANGLE\n0 1\n0 0\n",
         "a.node": b"# Thted ",
+        "a.nas": b"BEGIN BULK\nCTRIA3  4               4       1       5       \nENDDATA%\nBEGIN BULK",
     }[file]
     (tmp_path / file).write_bytes(content)
     (tmp_path / "scene.toml").write_text(MESH_SCENE.format(file=file))

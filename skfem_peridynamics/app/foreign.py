@@ -1,6 +1,6 @@
 """Mesh files in formats whose readers may never end: read in a process of its own, which can be stopped.
 
-Measured by feeding damaged files to meshio: its readers of Ansys, MDPA, OFF, PLY, Tecplot, TetGen and WKT loop at an
+Measured by feeding damaged files to meshio: its readers of Ansys, MDPA, Nastran, OFF, PLY, Tecplot, TetGen and WKT loop at an
 unexpected end. What the process gives back are plain arrays.
 """
 
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 # formats whose readers end on whatever they are given; the first bytes tell Gmsh's files from Ansys's of the same name
-_SAFE = {".vtu", ".vtk", ".xdmf", ".xmf", ".inp", ".mesh", ".meshb", ".bdf", ".fem", ".nas", ".vol", ".obj", ".stl"}
+_SAFE = {".vtu", ".vtk", ".xdmf", ".xmf", ".inp", ".mesh", ".meshb", ".vol", ".obj", ".stl"}
 _SECONDS, _RATE = 5.0, 1e6  # patience, and bytes a second on top
 
 _CHILD = """
