@@ -1,7 +1,7 @@
 """Mesh files in formats whose readers may never end: read in a process of its own, which can be stopped.
 
-Measured by feeding damaged files to meshio: its readers of Ansys, MDPA, Nastran, OFF, PLY, Tecplot, TetGen and WKT loop at an
-unexpected end. What the process gives back are plain arrays.
+Measured by feeding damaged files to meshio: its readers of Ansys, MDPA, Nastran, OFF, PLY, Tecplot,
+TetGen and WKT loop at an unexpected end. What the process gives back are plain arrays.
 """
 
 from __future__ import annotations
