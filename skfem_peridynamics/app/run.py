@@ -197,6 +197,7 @@ class _Run:
         self.resumed = []
         if self.earlier is not None and start is not None:
             self.resumed = [*self.earlier.facts.get("resumed", []), start.step]
+            _log.warning("the run goes on from step %d of %d", start.step, self.steps)
             self.state = dataclasses.replace(start, _body=problem.body)
 
     def _first_facts(self) -> dict[str, Any]:
