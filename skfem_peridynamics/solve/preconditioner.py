@@ -108,6 +108,9 @@ class Preconditioner:
             self._K = self.body.stiffness() if weights is None else self.body.assemble(weights)
         A = self._K if self.M is None or shift == 0.0 else sparse.csr_matrix(self._K + shift * self.M)
         inner = A[self.free][:, self.free]
+        empty = inner.diagonal() == 0.0  # where a boundary function leaves no bond, nothing is to be solved for
+        if empty.any():
+            inner = sparse.csr_matrix(inner + sparse.diags(empty.astype(float)))
         return (_factor(inner) if kind == "direct" else self._cycle(inner)), price
 
     def _chosen(self, shift: float) -> str:
