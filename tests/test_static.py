@@ -187,7 +187,7 @@ def test_vertices_without_stiffness_stay_where_they_are(linear):
     *_, state = peri.static(body, steps=1, load=lambda t: t * pull, fixed=fixed, linear=linear)
     empty = body.stiffness().diagonal() == 0.0
     assert empty.any()
-    assert np.abs(state.u[empty]).max() == 0.0
+    assert np.abs(state.u[empty]).max() < 1e-12  # of 0.04: a multigrid cycle reaches them by round-off
     force = body.force(state.u) + pull
     force[fixed[0].dofs] = 0.0
     assert np.abs(force).max() < 1e-7 * 0.01
