@@ -29,8 +29,8 @@ from skfem_peridynamics.app.checkpoint import (
     write_checkpoint,
 )
 from skfem_peridynamics.app.cli import main
+from skfem_peridynamics.app.earlier import go_on, look_back
 from skfem_peridynamics.app.reading import SceneError
-from skfem_peridynamics.app.record import restore
 from skfem_peridynamics.app.signals import Interrupted, Signals
 from skfem_peridynamics.solve.state import State
 from skfem_peridynamics.solve.watch import Watch
@@ -208,7 +208,11 @@ def test_hours_are_not_thrown_away_unasked(tmp_path, monkeypatch, capsys):
     (tmp_path / "scene.toml").write_text(SMALL)
     out = tmp_path / "out"
     stop(small(), out, 12)
-    monkeypatch.setattr("skfem_peridynamics.app.run.WORTH_KEEPING", 0.0)
+    monkeypatch.setattr("skfem_peridynamics.app.earlier.WORTH_KEEPING", 0.0)
+    kept = read_checkpoint(out / NAME)
+    for name, value in (("seconds", {"steps": "many"}), ("run", {"scene": [1], "versions": 7, "mesh": None})):
+        write_checkpoint(tmp_path, replace(kept, facts=kept.facts | {name: value}))
+        assert look_back(tmp_path, identity.identity(small(), Problem(small()).mesh), None) is None
     command = ["run", str(tmp_path / "scene.toml"), "--out", str(out), "--quiet"]
     assert main(command) == 2
     told = capsys.readouterr().err
@@ -330,7 +334,7 @@ def test_the_limit_is_not_computed_again_and_the_peak_is_known(whole, tmp_path, 
     stop(scene, tmp_path, 12)
     found = read_checkpoint(tmp_path / NAME)
     watch = Watch(100, None)
-    restore(found, Problem(scene), Clock(), watch)
+    assert go_on(found, Problem(scene), Clock(), watch).limit == Problem(scene).limit
     assert watch.peak == found.facts["peak"] > 0.0
     undisturbed = whole("central difference")
     monkeypatch.setattr(build, "stable_time_step", None)

@@ -95,7 +95,8 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any], what: tuple[s
         file = new.get("mesh.file")
         out.append(f"the mesh in {file!r} is another than it was" if file else "the mesh is another than it was")
     if "versions" in what:
-        old, given = before.get("versions") or {}, now["versions"]
+        old, given = before.get("versions"), now["versions"]
+        old = old if isinstance(old, Mapping) else {}
         out += [
             f"{name} is {given.get(name)} and was {old.get(name)}" for name in given if given[name] != old.get(name)
         ]

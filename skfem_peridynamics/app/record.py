@@ -17,11 +17,11 @@ from ..solve.state import Energies, State
 from ..solve.static import Equilibrium
 from ..solve.watch import Watch
 from .build import Problem
-from .checkpoint import Checkpoint, DamagedCheckpoint, write_checkpoint
+from .checkpoint import Checkpoint, write_checkpoint
 from .files import OutputError
 from .output import Frames, History, clear, frame_name
 from .progress import Progress
-from .reading import LARGEST, SceneError
+from .reading import SceneError
 
 _log = logging.getLogger("skfem_peridynamics")
 COLUMNS = (
@@ -176,21 +176,3 @@ def row_of(state: State | Equilibrium, count: Census) -> tuple[float, ...]:
         *(state.t, state.step, kinetic, count.energy_intact, count.energy_softened, total, state.work, imbalance),
         *(count.softened, count.Z),
     )
-
-
-def restore(checkpoint: Checkpoint, problem: Problem, clock: Clock, watch: Watch) -> None:
-    """Bring back what a run had spent and seen. Raises :class:`DamagedCheckpoint` for what no run has written."""
-    facts = checkpoint.facts
-    try:
-        state, size = checkpoint.state, problem.basis.N
-        vectors = [getattr(state, name, None) for name in ("u", "v", "a", "reaction", "change")]
-        vectors += [state.memory.tangent] if state.memory is not None else []
-        whole = all(x is None or (len(x) == size and bool((np.abs(x) <= LARGEST).all())) for x in vectors)
-        if not whole or any(len(row) != len(COLUMNS) for row in checkpoint.rows):
-            raise DamagedCheckpoint("its vectors or rows do not fit the body")
-        clock.add({str(name): float(value) for name, value in facts["seconds"].items()})
-        watch.peak = float(facts["peak"])
-        for name, value in facts["effort"].items():
-            setattr(problem.effort, str(name), int(value))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise DamagedCheckpoint(f"it is none that a run wrote: {error}") from None

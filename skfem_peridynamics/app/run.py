@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import json
 import logging
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,28 +15,27 @@ from ..analysis.clock import Clock
 from ..analysis.damage import damage
 from ..model.rigidity import check_rigid
 from ..model.team import usable_cores
-from ..solve.cfl import StepLimit
 from ..solve.newton import NotConverged
 from ..solve.watch import UnstableRun, Watch
 from . import checkpoint, plot
 from .build import Problem
-from .checkpoint import Checkpoint, DamagedCheckpoint
+from .checkpoint import Checkpoint
+from .earlier import go_on, look_back
 from .files import OutputError, hold, make_folder
 from .formula import FormulaError
-from .identity import differences, identity
+from .identity import identity
 from .march import march, notes
 from .memory import peak_memory_mb
 from .meshes import blame
 from .output import History, write_summary
 from .progress import Progress, Silent
 from .reading import SceneError
-from .record import Record, restore
+from .record import Record
 from .scene import Scene
 from .signals import Signals
 
 _log = logging.getLogger("skfem_peridynamics")
 _LOOK = 100  # steps between two looks at the energy balance
-WORTH_KEEPING = 60.0  # seconds of a run that another does not throw away unasked
 
 
 def run(
@@ -91,10 +89,12 @@ class _Run:
             raise SceneError('output.pictures = true needs matplotlib: install the extra "plot", or set it to false')
         with self.clock.phase("setup"):
             self.who = identity(self.scene, self.problem.mesh)
-        if existed and resume is not False:
-            finished = self._look_back(resume)
-            if finished is not None:
-                return finished
+        found = look_back(self.out, self.who, resume) if existed else None
+        if isinstance(found, dict):
+            return found
+        if found is not None:
+            self.earlier = found
+            self.problem = go_on(found, self.problem, self.clock, self.watch)
         self._set_up()
         if not existed:
             make_folder(self.out)
@@ -132,50 +132,6 @@ class _Run:
             self._close(summary)
         checkpoint.remove(self.out)
         return summary
-
-    def _look_back(self, resume: bool | None) -> dict[str, Any] | None:
-        """Find what there is to go on with; return the summary of a run that is finished."""
-        if resume:
-            finished = _finished(self.out)
-            if finished is not None:
-                self._same(finished["run"], "a finished run of another scene", ())
-                _log.warning("the run in %r is finished: there is nothing to go on with", str(self.out))
-                return finished
-        try:
-            found = checkpoint.latest(self.out, _log.warning if resume else _ignore)
-        except DamagedCheckpoint as error:
-            if resume:
-                raise SceneError(str(error)) from None
-            return None
-        if found is None:
-            return None
-        known = found.facts.get("run")
-        known = known if isinstance(known, dict) else {}
-        if resume:
-            self._same(known, "the checkpoint of another run", ("versions",))
-            try:
-                if found.facts.get("limit") is not None:
-                    limit = StepLimit(**found.facts["limit"])
-                    self.problem = dataclasses.replace(self.problem, known_limit=limit)
-                restore(found, self.problem, self.clock, self.watch)
-            except (DamagedCheckpoint, TypeError) as error:
-                raise SceneError(f"{str(self.out / checkpoint.NAME)!r} cannot be gone on with: {error}") from None
-            self.earlier = found
-            return None
-        seconds = found.facts.get("seconds")
-        spent = sum(seconds.values()) if isinstance(seconds, dict) else 0.0
-        if not differences(known, self.who) and spent > WORTH_KEEPING:
-            raise SceneError(
-                f"output folder {str(self.out)!r} holds {spent:.0f} s of this very run, stopped at step "
-                f"{found.state.step}: go on with --resume, or start over with --restart"
-            )
-        return None
-
-    def _same(self, known: dict[str, Any], what: str, also: tuple[str, ...]) -> None:
-        wrong = differences(known, self.who, also)
-        if wrong:
-            more = f", and {len(wrong) - 3} more" if len(wrong) > 3 else ""
-            raise SceneError(f"output folder {str(self.out)!r} holds {what}: {'; '.join(wrong[:3])}{more}")
 
     def _set_up(self) -> None:
         problem, clock = self.problem, self.clock
@@ -268,20 +224,6 @@ class _Run:
             if summary["status"] == "finished":
                 raise
             _log.warning("the summary could not be written either")
-
-
-def _ignore(note: str) -> None:
-    """What is about to be overwritten may be damaged."""
-
-
-def _finished(out: Path) -> dict[str, Any] | None:
-    """The summary of a run that is finished, or None."""
-    try:
-        summary = json.loads((out / "summary.json").read_bytes())
-    except (OSError, ValueError, RecursionError):
-        return None
-    whole = isinstance(summary, dict) and summary.get("status") == "finished" and isinstance(summary.get("run"), dict)
-    return summary if whole else None
 
 
 def _balance(problem: Problem) -> dict[str, Any]:
