@@ -191,3 +191,14 @@ def test_vertices_without_stiffness_stay_where_they_are(linear):
     force = body.force(state.u) + pull
     force[fixed[0].dofs] = 0.0
     assert np.abs(force).max() < 1e-7 * 0.01
+
+
+def test_a_load_where_nothing_holds_has_no_equilibrium():
+    mesh = box(2, 2)
+    body = body_on(mesh, 1.0, boundary_function="smooth", rule=peri.BallRule(3, 8))
+    empty = np.flatnonzero(body.stiffness().diagonal() == 0.0)
+    pull = np.zeros(body.basis.N)
+    pull[empty[-1]] = 1.0
+    left = peri.Prescribed(body.basis.nodal_dofs[:, mesh.p[0] < 0.1].ravel(), displacement=0.0)
+    with pytest.raises(peri.NotConverged, match="there is no equilibrium at t = 0"):
+        next(peri.static(body, steps=1, load=lambda t: pull, fixed=[left]))
