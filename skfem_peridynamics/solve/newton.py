@@ -189,7 +189,7 @@ def minimise(
     """
     if not len(objective.free):
         return u
-    with np.errstate(over="ignore", invalid="ignore"):  # what runs off to infinity is told from its numbers
+    with np.errstate(all="ignore"):  # what runs off to infinity is told from its numbers
         return _minimise(objective, u, inverse, tolerance, effort, most)
 
 

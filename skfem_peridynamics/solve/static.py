@@ -181,7 +181,7 @@ class _Path:
             return y[free]
 
         A = LinearOperator((len(free), len(free)), matvec=apply, dtype=np.dtype(float))
-        with np.errstate(over="ignore", invalid="ignore"):  # pulled where nothing holds: Newton's method will say so
+        with np.errstate(all="ignore"):  # pulled where nothing holds: Newton's method will say so
             x, _ = cg(A, pulled[free], rtol=1e-6, maxiter=3000, M=self.inverse.at(0.0))
         out = du.copy()
         out[free] += x
