@@ -489,6 +489,7 @@ def test_elements_and_vertices_that_are_nowhere(tmp_path):
     for old, new, told in (
         (b"f 3 4 5", b"f 3 4 9", "a triangle has vertex 8; the file has 5 vertices"),
         (b"v 0.0 1.0 0.0", b"v 1e200 1.0 0.0", "its vertex 3 is at (1e+200, 1, 0)"),
+        (b"f 4 1 5", b"f", "its elements are not all of as many vertices"),
         (b"v 0.0 1.0 0.0", b"v nan 1.0 0.0", "its vertex 3 is at (nan, 1, 0)"),
     ):
         assert old in SEEDS["a.obj"]

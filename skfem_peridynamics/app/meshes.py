@@ -68,6 +68,10 @@ def read_mesh(path: Path) -> Mesh:
 
 def _check_cells(content: Any) -> None:
     """Raise ``ValueError`` for elements of vertices that are not there, and vertices that are nowhere."""
+    if np.ndim(content.points) != 2 or any(
+        np.ndim(b.data) != 2 or b.data.dtype.kind not in "iu" for b in content.cells
+    ):
+        raise ValueError("its elements are not all of as many vertices")
     count = len(content.points)
     far = np.flatnonzero(~(np.abs(content.points) <= LARGEST).all(axis=1))
     if len(far):
