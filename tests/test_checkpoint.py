@@ -283,7 +283,7 @@ def signalled(tmp_path, numbers, wait, *more):
     return process.returncode, said
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_a_signal_leaves_a_checkpoint(number, code, tmp_path):
     found, said = signalled(tmp_path, [number], 0.3)
     assert found == code

@@ -63,9 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     logging.basicConfig(format="note: %(message)s")
     try:
-        code = {"run": _run, "cfl": _cfl, "check": _check, "study": _study, "stability": _stability}[arguments.command](
-            arguments
-        )
+        code = _COMMANDS[arguments.command](arguments)
         sys.stdout.flush()
         return code
     except KeyboardInterrupt as error:
