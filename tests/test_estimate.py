@@ -9,7 +9,7 @@ import skfem
 
 from bodies import grid
 from skfem_peridynamics import Crack, Scene, slit
-from skfem_peridynamics.app import build, estimate
+from skfem_peridynamics.app import cost, estimate
 from skfem_peridynamics.app.build import Problem
 from skfem_peridynamics.app.cli import main
 from skfem_peridynamics.app.estimate import distance, move, order_of, prolongation
@@ -99,7 +99,7 @@ def test_study_of_a_scene(tmp_path, capsys, monkeypatch):
     assert main(words) == 0
     assert "is left out" in (tmp_path / "out" / "study.md").read_text()
     assert estimate.estimate(Problem(Scene.parse(WAVE)))["error_estimate"] is None
-    assert build.SPARE < 1
+    assert cost.SPARE < 1
 
 
 def test_fracturing_scenes_get_a_cautious_order():

@@ -2,6 +2,7 @@
 
 import tomllib
 
+import meshio
 import numpy as np
 import pytest
 import skfem
@@ -192,10 +193,12 @@ def test_bad_input(name, tmp_path, capsys):
 
 
 def test_a_mesh_with_other_elements(tmp_path, capsys):
-    skfem.MeshQuad().refined(2).save(str(tmp_path / "quads.vtu"))
+    points, cell = np.random.default_rng(1).random((8, 3)), np.arange(8)[None]
+    meshio.Mesh(points, [("VTK_LAGRANGE_CURVE", cell)]).write(tmp_path / "curves.vtu")
     capsys.readouterr()
-    content = change("{box = [[0, 1], [0, 0.5]], divisions = [16, 8]}", '{file = "quads.vtu"}')
-    assert "MeshQuad1; the elements must be first-order simplices" in complaint(capsys, tmp_path, content)
+    content = change("{box = [[0, 1], [0, 0.5]], divisions = [16, 8]}", '{file = "curves.vtu"}')
+    said = complaint(capsys, tmp_path, content)
+    assert "it has elements of the kind 'VTK_LAGRANGE_CURVE'; those that can be used are vertex, line, " in said
 
 
 def test_a_mesh_file_that_is_none(tmp_path, capsys):

@@ -11,25 +11,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._compile import installed
 from .._types import Basis, Csr, Floats, Load, Longs, Mesh
 from ..analysis.scheme import Scheme
 from ..bonds.ball import BallRule
 from ..bonds.bond_basis import BondBasis
-from ..bonds.parts import BallPart, PairPart
 from ..bonds.rules import Rule
 from ..geometry.slit import Crack, facets_on, slit
 from ..material.calibration import Material
 from ..material.composite import Composite
 from ..material.influence import as_influence
-from ..model.kernels import matrix_bytes
 from ..model.mass import mass_matrix
-from ..model.peridynamics import MATRIX_MEMORY, Peridynamics
+from ..model.peridynamics import Peridynamics
 from ..model.space import vector_basis
 from ..solve.cfl import StepLimit, stable_time_step
 from ..solve.constraints import Prescribed
 from ..solve.newton import Effort
 from . import conditions
+from .cost import PER_IMPLICIT_STEP, PRODUCTS, SPARE, memory_of_run, worth_compiling
 from .memory import free_memory
 from .meshes import blame, make_mesh
 from .reading import SceneError
@@ -40,18 +38,6 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger("skfem_peridynamics")
 _MOST_STEPS = 1e10
-_PROGRAM = 120_000_000  # bytes of the interpreter and the libraries
-_BALANCING = {1: 180, 2: 400, 3: 800}  # bytes a bond while weights are balanced
-SPARE = 0.8  # of the free memory that a run may plan to take
-PRODUCTS = 40  # of a step limit
-PER_IMPLICIT_STEP = 50  # evaluations of force, energy or tangent; 75 in examples/double_cantilever.toml
-_SPARSE = 7e-9  # seconds a bond and force by sparse products (docs/performance.md)
-_LOADING = 1.0  # seconds that it takes to load compiled loops, with what numba itself loads
-
-
-def worth_compiling(nbonds: int, evaluations: float) -> bool:
-    """Return whether so many forces take longer by sparse products than it takes to load compiled loops."""
-    return nbonds * evaluations * _SPARSE > _LOADING
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,15 +186,8 @@ class Problem:
 
     @property
     def expected_bytes(self) -> int:
-        """Memory of the run: bonds as listed and computed with, mesh, fields, and what the program itself takes."""
-        dim, nvertices, nelements = (int(x) for x in (self.mesh.dim(), self.mesh.nvertices, self.mesh.nelements))
-        kind = BallPart if isinstance(self.rule, BallRule) else PairPart
-        kept = 8 * self.expected_bonds if installed() else matrix_bytes(self.expected_bonds, dim, kind)
-        matrices = min(kept, MATRIX_MEMORY)
-        per_bond = (24 if installed() else 64) + (_BALANCING[dim] if self.form.balanced else 0)
-        return (
-            int(self.expected_bonds * per_bond + matrices) + 60 * 8 * dim * nvertices + 200 * dim * nelements + _PROGRAM
-        )
+        """Memory of the run."""
+        return memory_of_run(self.mesh, self.rule, self.expected_bonds, self.form.balanced)
 
     def check_memory(self) -> None:
         """Raise :class:`SceneError` where the run would take more memory than there is."""

@@ -6,7 +6,8 @@ from math import ceil, inf, isfinite
 
 from .._compile import installed
 from ..material.influence import as_influence
-from .build import PER_IMPLICIT_STEP, PRODUCTS, Problem, worth_compiling
+from .build import Problem
+from .cost import PER_IMPLICIT_STEP, PRODUCTS, worth_compiling
 from .march import march, notes
 from .memory import free_memory
 from .meshes import blame

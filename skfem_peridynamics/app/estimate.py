@@ -15,7 +15,8 @@ import scipy.sparse as sparse
 from .._types import Csr, Floats, Mesh
 from ..analysis.clock import Clock
 from ..model.mass import mass_matrix
-from .build import SPARE, Problem
+from .build import Problem
+from .cost import SPARE
 from .files import make_folder
 from .march import march
 from .memory import free_memory

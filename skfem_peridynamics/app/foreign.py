@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 # formats whose readers end on whatever they are given; the first bytes tell Gmsh's files from Ansys's of the same name
-_SAFE = {".vtu", ".vtk", ".xdmf", ".xmf", ".inp", ".mesh", ".meshb", ".vol", ".obj", ".stl"}
+_SAFE = {".vtu", ".vtk", ".inp", ".mesh", ".meshb", ".vol", ".obj", ".stl"}
 _SECONDS, _RATE = 5.0, 1e6  # patience, and bytes a second on top
 
 _CHILD = """
@@ -28,6 +28,15 @@ mesh = meshio.read(sys.argv[1])
 content = {"points": mesh.points}
 for k, block in enumerate(mesh.cells):
     content[f"cells {k} {block.type}"] = block.data
+for what in ("cell_data", "cell_sets"):
+    for name, parts in getattr(mesh, what).items():
+        for k, part in enumerate(parts):
+            if part is not None and np.asarray(part).dtype.kind in "iu":
+                content[f"{what} {k} {name}"] = part
+for what in ("field_data", "point_sets"):
+    for name, part in getattr(mesh, what).items():
+        if np.asarray(part).dtype.kind in "iu":
+            content[f"{what} 0 {name}"] = part
 np.savez(out.buffer, **content)
 """
 
@@ -38,6 +47,8 @@ def read(path: Path) -> Any:
 
     if _is_gmsh(path):
         return meshio.read(path, file_format="gmsh")
+    if path.suffix.lower() in (".xdmf", ".xmf"):
+        return _read_xdmf(path)
     if path.suffix.lower() in _SAFE:
         return meshio.read(path)
     patience = _SECONDS + path.stat().st_size / _RATE
@@ -50,14 +61,28 @@ def read(path: Path) -> Any:
     if done.returncode:
         said = done.stderr.decode(errors="replace").strip().splitlines()
         raise ValueError(said[-1] if said else "its reader failed")
-    cells, points = [], np.zeros((0, 3))
+    cells: list[tuple[str, Any]] = []
+    found: dict[str, Any] = {"points": np.zeros((0, 3)), "cell_data": {}, "cell_sets": {}, "field_data": {}}
+    found["point_sets"] = {}
     with np.load(io.BytesIO(done.stdout), allow_pickle=False) as content:
-        for name in content:
-            if name == "points":
-                points = content[name]
+        for key in content:
+            what, number, name = (*key.split(" ", 2), "", "")[:3]
+            if what == "points":
+                found["points"] = content[key]
+            elif what == "cells":
+                cells.append((name, content[key]))
+            elif what in ("cell_data", "cell_sets"):
+                found[what].setdefault(name, {})[int(number)] = content[key]
             else:
-                cells.append((name.split()[2], content[name]))
-    return meshio.Mesh(points, cells)
+                found[what][name] = content[key]
+    none = np.zeros(0, dtype=np.int64)
+    for name, parts in found["cell_sets"].items():
+        found["cell_sets"][name] = [parts.get(k, none) for k in range(len(cells))]
+    for name, parts in found["cell_data"].items():
+        found["cell_data"][name] = [
+            parts.get(k, np.zeros(len(block), dtype=np.int64)) for k, (_, block) in enumerate(cells)
+        ]
+    return meshio.Mesh(found.pop("points"), cells, **found)
 
 
 def _is_gmsh(path: Path) -> bool:
@@ -65,3 +90,20 @@ def _is_gmsh(path: Path) -> bool:
         return False
     with open(path, "rb") as file:
         return file.read(64).lstrip().startswith((b"$MeshFormat", b"$Comments"))
+
+
+def _read_xdmf(path: Path) -> Any:
+    """Read XDMF; numbers that stand in the file itself are read without h5py, which meshio asks for before it looks."""
+    from meshio.xdmf.main import XdmfReader, xdmf_to_numpy_type
+
+    class Inline(XdmfReader):  # type: ignore[misc]
+        def _read_data_item(self, item: Any, root: Any = None) -> Any:
+            if "Reference" in item.attrib or item.get("Format", "XML") != "XML":
+                return super()._read_data_item(item, root)
+            kind = item.get("DataType", item.get("NumberType", "Float"))
+            dtype = xdmf_to_numpy_type[kind, item.get("Precision", "4")]
+            return np.array((item.text or "").split(), dtype=dtype).reshape(
+                [int(n) for n in item.get("Dimensions").split()]
+            )
+
+    return Inline(path).read()

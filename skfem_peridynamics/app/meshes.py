@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,11 +13,13 @@ from typing import Any
 import numpy as np
 
 from .._types import Mesh
-from ..geometry.simplices import check_simplices, describe_point
+from ..geometry.mend import mend
+from ..geometry.simplices import describe_point
 from .memory import free_memory
 from .reading import LARGEST, SceneError
 from .tables import MeshTable
 
+_log = logging.getLogger("skfem_peridynamics")
 _PRINTING = threading.Lock()
 _READING = 8  # bytes of memory a byte of a mesh file
 
@@ -32,17 +35,21 @@ def blame(path: str) -> Iterator[None]:
         raise SceneError(f"{path}: {error}") from None
 
 
-def read_mesh(path: Path) -> Mesh:
-    """Return the simplicial mesh in a file that meshio reads; physical groups become boundaries and subdomains."""
-    from skfem.io.meshio import from_meshio
+def read_mesh(path: Path, scale: float = 1.0, join: bool = False) -> Mesh:
+    """Return the simplicial mesh in a file that meshio reads; its groups become boundaries and subdomains.
 
+    Lengths are taken ``scale`` times; ``join`` makes one vertex of those that coincide. What had to be mended is
+    said in the log. Raises :class:`SceneError` for what is no mesh of a body.
+    """
     from .foreign import read
+    from .groups import raw_mesh
 
+    name = f"mesh.file = {str(path)!r}"
     if not path.is_file():
-        raise SceneError(f"mesh.file = {str(path)!r} is not a file")
+        raise SceneError(f"{name} is not a file")
     if path.stat().st_size * _READING > free_memory():
         raise SceneError(
-            f"mesh.file = {str(path)!r} has {path.stat().st_size / 1e6:.3g} MB; reading it takes about "
+            f"{name} has {path.stat().st_size / 1e6:.3g} MB; reading it takes about "
             f"{_READING} times as much memory, and {free_memory() / 1e6:.3g} MB are free: take a coarser mesh"
         )
     said = io.StringIO()  # meshio prints its reasons
@@ -51,19 +58,20 @@ def read_mesh(path: Path) -> Mesh:
         with _PRINTING, contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
             content = read(path)
             _check_cells(content)
-            mesh = from_meshio(content, ignore_orientation=True)
+            raw = raw_mesh(content, scale)
+    except ModuleNotFoundError as error:
+        raise SceneError(
+            f'{name} keeps its numbers in HDF, which needs {error.name}: install the extra "xdmf", or write the file '
+            "with its numbers inline"
+        ) from None
     except (SystemExit, Exception) as error:  # whatever a reader of a foreign format may raise
         reason = " ".join((said.getvalue() or str(error)).split())
-        raise SceneError(f"mesh.file = {str(path)!r} cannot be read as a mesh: {reason}") from None
-    with blame(f"mesh.file = {str(path)!r}"):
-        check_simplices(mesh)
-        spread = np.ptp(content.points[np.unique(np.concatenate([c.data.ravel() for c in content.cells]))], axis=0)
-        if (spread[mesh.dim() :] > 1e-9 * spread.max()).any():
-            raise ValueError(
-                f"its {type(mesh).__name__} elements have {mesh.dim()} dimensions, its points spread over "
-                f"{describe_point(spread)}; a surface or a curve in space is not a body"
-            )
-    return mesh
+        raise SceneError(f"{name} cannot be read as a mesh: {reason}") from None
+    with blame(name):
+        found = mend(raw, join)
+    for note in found.notes:
+        _log.warning("%s: %s", name, note)
+    return found.mesh
 
 
 def _check_cells(content: Any) -> None:
@@ -84,7 +92,7 @@ def _check_cells(content: Any) -> None:
 def make_mesh(spec: MeshTable, folder: Path) -> Mesh:
     """Return the mesh of a ``[mesh]`` table; a box has the boundaries left, right, bottom, top, front, back."""
     if spec.file is not None:
-        mesh = read_mesh(folder / spec.file)
+        mesh = read_mesh(folder / spec.file, spec.scale or 1.0, bool(spec.join))
         return mesh if mesh.boundaries else _with_sides(mesh)
     assert spec.box is not None
     assert spec.divisions is not None

@@ -30,13 +30,21 @@ def formulas(value: Any, path: str) -> tuple[Formula, ...]:
 
 @dataclass(frozen=True)
 class MeshTable:
-    """``[mesh]``: a ``file`` that meshio reads, or a ``box`` (one row per axis) with ``divisions``."""
+    """``[mesh]``: a ``file`` that meshio reads, or a ``box`` (one row per axis) with ``divisions``.
+
+    Lengths in a file are multiplied by ``scale``; ``join`` makes one vertex of those at the same place.
+    """
 
     file: str | None = key(text, None)
     box: tuple[tuple[float, ...], ...] | None = key(rows, None)
     divisions: tuple[int, ...] | None = key(counts, None)
+    scale: float | None = key(positive, None)
+    join: bool | None = key(flag, None)
 
     def __post_init__(self) -> None:
+        for name in ("scale", "join"):
+            if self.file is None and getattr(self, name) is not None:
+                raise ValueError(f"{name} = {getattr(self, name)!r} goes with file")
         if (self.file is None) == (self.box is None):
             raise ValueError("give one of file and box, not both and not none")
         if (self.box is None) != (self.divisions is None):

@@ -1,0 +1,69 @@
+"""The groups of a mesh file, by name: what meshio calls cell sets, field data, cell data and point sets."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .._types import Longs
+from ..geometry.mend import Raw
+
+# integers that some formats keep for each cell; one that is 0 is of no group
+_NUMBERED = ("gmsh:physical", "medit:ref", "nastran:ref", "flac3d:group", "tetgen:ref", "avsucd:material", "cell_tags")
+_NOT_GROUPS = ("gmsh:bounding_entities",)
+# facets of elements in the order in which scikit-fem counts them
+_FACETS = {
+    "line": ((0,), (1,)),
+    "triangle": ((0, 1), (1, 2), (0, 2)),
+    "tetra": ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)),
+}
+
+
+def raw_mesh(content: Any, scale: float = 1.0) -> Raw:
+    """Return points, cells and groups of what meshio has read; points times ``scale``."""
+    blocks = [(block.type, np.asarray(block.data)) for block in content.cells]
+    tags: dict[str, list[Longs | None]] = {}
+    for name, parts in content.cell_sets.items():
+        if name not in _NOT_GROUPS:
+            tags[str(name)] = [None if part is None else np.asarray(part, dtype=np.int64) for part in parts]
+    _add_skfem_tags(content, blocks, tags)
+    known = {(int(entry[0]), int(entry[1])): str(name) for name, entry in content.field_data.items() if len(entry) > 1}
+    for key in _NUMBERED:
+        if not tags or key != "gmsh:physical":  # where gmsh's groups are sets already, the numbers say less
+            _add_numbered(content, key, known, tags)
+    points_of = {str(name): np.asarray(part, dtype=np.int64) for name, part in content.point_sets.items()}
+    return Raw(np.asarray(content.points, dtype=float) * scale, blocks, tags, points_of)
+
+
+def _add_numbered(
+    content: Any, key: str, known: dict[tuple[int, int], str], tags: dict[str, list[Longs | None]]
+) -> None:
+    """Groups of cells with the same number, by the name of the number where it has one."""
+    for k, values in enumerate(content.cell_data.get(key, ())):
+        values = np.asarray(values)
+        if values.ndim != 1:
+            continue
+        dim = content.cells[k].dim
+        for number in np.unique(values[values != 0]).tolist():
+            name = known.get((number, dim), str(int(number)))
+            tags.setdefault(name, [None] * len(content.cells))[k] = np.flatnonzero(values == number)
+
+
+def _add_skfem_tags(content: Any, blocks: list[tuple[str, Longs]], tags: dict[str, list[Longs | None]]) -> None:
+    """Groups as scikit-fem writes them: cell data ``skfem:s:NAME``, 1 in them, and ``skfem:b:NAME``, a bit a facet."""
+    count = len(content.cells)
+    for key, parts in content.cell_data.items():
+        _, mark, name = key.split(":", 2) if key.startswith("skfem:") and key.count(":") > 1 else ("", "", "")
+        if mark == "s":
+            tags[name] = [np.flatnonzero(np.asarray(part)) for part in parts]
+        if mark != "b":
+            continue
+        for block, part in zip(content.cells[:count], parts, strict=True):
+            bits = np.asarray(part).astype(np.int64)
+            for k, corners in enumerate(_FACETS.get(block.type, ())):
+                chosen = np.asarray(block.data)[bits >> k & 1 == 1][:, corners]
+                if len(chosen):
+                    blocks.append((("vertex", "line", "triangle")[len(corners) - 1], chosen))
+                    tags.setdefault(name, [])
+                    tags[name] += [None] * (len(blocks) - 1 - len(tags[name])) + [np.arange(len(chosen))]

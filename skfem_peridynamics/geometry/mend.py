@@ -1,0 +1,298 @@
+"""Meshes as they come from meshers, made fit: what can be mended is, with a note; what cannot is refused.
+
+Mended: quadratic cells, quadrilaterals and polyhedra (to simplices), elements listed twice, elements of no volume with
+a vertex twice, vertices of no element, elements turned inside out, a plane mesh that does not lie in x and y. Refused:
+elements that overlap, facets of more than two elements, elements of no volume, surfaces in space.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._types import Bools, Floats, Ints, Longs, Mesh
+from .cells import kind_of, to_simplices
+from .pieces import connected
+from .simplices import check_simplices, describe_point
+
+Tags = Mapping[str, Sequence[Longs | None]]
+_FLAT = 1e-9  # of the extent: what coordinates of a plane mesh differ by
+_NAMES = {1: "line", 2: "triangle", 3: "tetrahedron"}
+
+
+@dataclass(frozen=True, eq=False)
+class Raw:
+    """A mesh file: points (n, k), blocks of cells (kind by its name in meshio, vertices (m, l)).
+
+    ``tags`` lists, for each name and block, the cells that have it; ``points_of`` the vertices of named sets of them.
+    """
+
+    points: Floats
+    blocks: Sequence[tuple[str, Longs]]
+    tags: Tags
+    points_of: Mapping[str, Longs]
+
+
+@dataclass(frozen=True, eq=False)
+class Mended:
+    """A mesh of simplices with its groups as boundaries and subdomains, and what was done to get there."""
+
+    mesh: Mesh
+    notes: tuple[str, ...]
+
+
+def mend(raw: Raw, join: bool = False) -> Mended:
+    """Return the simplicial mesh of a file. ``join`` makes one vertex of those that coincide.
+
+    Groups of elements become subdomains, groups of facets (also of vertices, for all facets of the boundary between
+    them) boundaries. Raises ``ValueError`` for a mesh that cannot be mended.
+
+    >>> square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1], [9, 9]])
+    >>> blocks = [("quad", np.array([[0, 1, 2, 3]])), ("line", np.array([[0, 1]]))]
+    >>> found = mend(Raw(square, blocks, {"steel": [np.array([0]), None], "low": [None, np.array([0])]}, {}))
+    >>> found.mesh.nelements, list(found.mesh.boundaries), found.mesh.subdomains["steel"].tolist()
+    (2, ['low'], [0, 1])
+    >>> found.notes
+    ('1 quad element was cut into 2 triangles', '1 vertex of no element was left out')
+    """
+    notes: list[str] = []
+    dim = max((kind_of(name)[1] for name, cells in raw.blocks if len(cells)), default=0)
+    if not dim:
+        raise ValueError("it has no elements: no lines, triangles or tetrahedra")
+    points = _plane(raw.points, raw.blocks, dim, notes)
+    merged = _merged(points, notes) if join else np.arange(len(points))
+    elements, marks = _collect(raw, dim, merged, notes)
+    facets, facet_marks = _collect(raw, dim - 1, merged, [])
+    elements, marks = _without_repeats(elements, marks, dim, notes)
+    used, t = np.unique(elements, return_inverse=True)
+    t = t.reshape(elements.shape)
+    middle = sum(kind_of(name)[2] and kind_of(name)[1] == dim for name, _ in raw.blocks)
+    left = len(np.setdiff1d(merged, used)) if not middle else 0
+    if left:
+        notes.append(f"{_some(left, 'vertex', 'vertices')} of no element {_was(left)} left out")
+    p = np.ascontiguousarray(points[used].T)
+    t = _turned(p, t, notes)
+    mesh = _mesh(p, t, dim)
+    check_simplices(mesh)
+    _check_manifold(mesh)
+    number = np.full(len(points), -1, dtype=np.int64)
+    number[used] = np.arange(len(used))
+    boundaries = _boundaries(mesh, number[facets] if len(facets) else facets, facet_marks, notes)
+    for name, chosen in raw.points_of.items():
+        if name not in boundaries:
+            found = _between(mesh, number[merged[chosen]])
+            if len(found):
+                boundaries[name] = found
+    subdomains = {name: np.flatnonzero(is_of).astype(np.int32) for name, is_of in marks.items() if is_of.any()}
+    for name in raw.tags:
+        if name not in subdomains and name not in boundaries:
+            notes.append(f"the group {name!r} is of neither elements nor facets of the body, and was left out")
+    _tell_parts(mesh, notes)
+    if boundaries:
+        mesh = mesh.with_boundaries(boundaries)
+    return Mended(mesh.with_subdomains(subdomains) if subdomains else mesh, tuple(notes))
+
+
+def _some(count: int, one: str, more: str | None = None) -> str:
+    return f"{count} {one if count == 1 else more or one + 's'}"
+
+
+def _was(count: int) -> str:
+    return "was" if count == 1 else "were"
+
+
+def _mesh(p: Floats, t: Longs, dim: int) -> Mesh:
+    import skfem
+
+    kind = (skfem.MeshLine, skfem.MeshTri, skfem.MeshTet)[dim - 1]
+    return kind(p, np.ascontiguousarray(t.T.astype(np.int32)))
+
+
+def _plane(points: Floats, blocks: Sequence[tuple[str, Longs]], dim: int, notes: list[str]) -> Floats:
+    """The first coordinates; those of a plane that is not x and y take their place. Refuses surfaces in space."""
+    corners = np.unique(np.concatenate([cells.ravel() for name, cells in blocks if kind_of(name)[1] == dim]))
+    spread = np.ptp(points[corners], axis=0)
+    wide = np.flatnonzero(spread > _FLAT * spread.max())
+    if len(wide) > dim:
+        raise ValueError(
+            f"its {_NAMES[dim]} elements have {dim} dimensions, its points spread over "
+            f"{describe_point(spread)}; a surface or a curve in space is not a body"
+        )
+    if len(wide) == dim and points.shape[1] > dim and wide.max() >= dim:
+        axes = " and ".join("xyz"[k] for k in wide)
+        notes.append(f"its points lie along {axes}, which {_was(dim)} taken for {' and '.join('xyz'[:dim])}")
+        return points[:, wide]
+    return points[:, :dim]
+
+
+def _merged(points: Floats, notes: list[str]) -> Longs:
+    """The vertex that stands for each, where several coincide."""
+    from scipy.spatial import cKDTree
+
+    near = cKDTree(points).query_pairs(_FLAT * float(np.ptp(points, axis=0).max()), output_type="ndarray")
+    _, piece = connected(near.T.astype(np.int32), len(points)) if len(near) else (0, np.arange(len(points)))
+    first = np.unique(piece, return_index=True)[1]
+    count = len(points) - len(first)
+    if count:
+        notes.append(f"{_some(count, 'vertex', 'vertices')} {_was(count)} joined to others at the same place")
+    return np.asarray(first[piece], dtype=np.int64)
+
+
+def _collect(raw: Raw, dim: int, merged: Longs, notes: list[str]) -> tuple[Longs, dict[str, Bools]]:
+    """All cells of a dimension as simplices, (n, dim + 1), and which of them each group has."""
+    pieces = [np.empty((0, dim + 1), dtype=np.int64)]
+    marks: dict[str, list[Bools]] = {name: [np.zeros(0, dtype=bool)] for name in raw.tags}
+    straight, cut, made = Counter[str](), Counter[str](), Counter[str]()
+    for k, (name, cells) in enumerate(raw.blocks):
+        kind, of_dim, quadratic = kind_of(name)
+        if of_dim != dim or not len(cells):
+            continue
+        simplices, owner = to_simplices(name, merged[cells])
+        if quadratic:
+            straight[name] += len(cells)
+        if kind not in ("line", "triangle", "tetra"):
+            cut[kind] += len(cells)
+            made[kind] += len(simplices)
+        pieces.append(simplices)
+        for tag, blocks in raw.tags.items():
+            has, some = np.zeros(len(cells), dtype=bool), blocks[k] if k < len(blocks) else None
+            if some is not None and len(some):
+                has[some] = True
+            marks[tag].append(has[owner])
+    for name, count in straight.items():
+        notes.append(f"{_some(count, name + ' element')} lost the middle nodes: elements are straight here")
+    for kind, count in cut.items():
+        into = _some(made[kind], _NAMES[dim]).replace("drons", "dra")
+        notes.append(f"{_some(count, kind + ' element')} {_was(count)} cut into {into}")
+    return np.concatenate(pieces), {tag: np.concatenate(parts) for tag, parts in marks.items()}
+
+
+def _without_repeats(t: Longs, marks: dict[str, Bools], dim: int, notes: list[str]) -> tuple[Longs, dict[str, Bools]]:
+    """Elements once each, with the groups of all that were the same, and without those that have a vertex twice."""
+    ordered = np.sort(t, axis=1)
+    crushed = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
+    if crushed.any():
+        n = int(crushed.sum())
+        notes.append(f"{_some(n, 'element')} with a vertex twice {_was(n)} left out")
+        t, ordered = t[~crushed], ordered[~crushed]
+        marks = {name: has[~crushed] for name, has in marks.items()}
+    if not len(t):
+        raise ValueError("it has no elements of any volume")
+    first, same = _unique_rows(ordered)
+    merged = {}
+    idle = np.ones(len(t), dtype=bool)  # listed again without a group that the first of them lacks
+    idle[first] = False
+    for name, has in marks.items():
+        merged[name] = np.zeros(len(first), dtype=bool)
+        merged[name][same[has]] = True
+        idle &= ~(has & ~has[first][same])
+    twice = int(idle.sum())
+    if twice:
+        notes.append(f"{_some(twice, 'element')} listed twice {_was(twice)} taken once")
+    return t[first], merged
+
+
+def _unique_rows(rows: Longs) -> tuple[Longs, Longs]:
+    """The places of the first of equal rows, in the order they come in, and which of these each row equals."""
+    order = np.lexsort(rows.T[::-1])
+    new = np.ones(len(rows), dtype=bool)
+    new[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
+    group = np.empty(len(rows), dtype=np.int64)
+    group[order] = np.cumsum(new) - 1
+    first = np.full(int(new.sum()), len(rows), dtype=np.int64)
+    np.minimum.at(first, group, np.arange(len(rows)))
+    by_place = np.argsort(first)
+    rank = np.empty_like(by_place)
+    rank[by_place] = np.arange(len(by_place))
+    return first[by_place], rank[group]
+
+
+def _turned(p: Floats, t: Longs, notes: list[str]) -> Longs:
+    """Elements of positive volume."""
+    edges = p[:, t[:, 1:]] - p[:, t[:, :1]]
+    negative = np.linalg.det(np.moveaxis(edges, 0, 2)) < 0.0
+    if negative.any() and not negative.all():
+        n = int(min(negative.sum(), (~negative).sum()))
+        notes.append(f"{_some(n, 'element')} of {len(t)}, turned inside out, {_was(n)} turned back")
+    t = t.copy()
+    t[negative, -2:] = t[negative, -2:][:, ::-1]
+    return t
+
+
+def _check_manifold(mesh: Mesh) -> None:
+    """Raise ``ValueError`` for a facet of more than two elements, and for two elements on one side of theirs."""
+    dim, facets = mesh.dim(), mesh.facets
+    count = np.bincount(mesh.t2f.ravel(), minlength=facets.shape[1])
+    many = np.flatnonzero(count > 2)
+    if len(many):
+        where = describe_point(mesh.p[:, facets[:, many[0]]].mean(axis=1))
+        raise ValueError(f"{count[many[0]]} elements share the facet at {where}: elements lie on top of each other")
+    inner = np.flatnonzero(mesh.f2t[1] >= 0)
+    corners = mesh.p[:, facets[:, inner]]
+    sides = []
+    for k in (0, 1):
+        opposite = mesh.t[:, mesh.f2t[k, inner]].sum(axis=0) - facets[:, inner].sum(axis=0)
+        rows = np.concatenate([corners[:, 1:] - corners[:, :1], (mesh.p[:, opposite] - corners[:, 0])[:, None]], axis=1)
+        sides.append(np.linalg.det(np.moveaxis(rows, 2, 0)) if dim > 1 else rows[0, 0])
+    folded = np.flatnonzero(sides[0] * sides[1] > 0.0)
+    if len(folded):
+        where = describe_point(corners[:, :, folded[0]].mean(axis=1))
+        raise ValueError(
+            f"the two elements at the facet at {where} lie on the same side of it: the mesh is folded over there"
+        )
+
+
+def _lookup(mesh: Mesh, facets: Longs) -> Longs:
+    """The numbers of facets (n, dim) given by their vertices, -1 for those that are none."""
+    own = np.sort(mesh.facets.T.astype(np.int64), axis=1)
+    both = np.concatenate([own, np.sort(facets, axis=1)])
+    first, same = _unique_rows(both)
+    found = first[same[len(own) :]]
+    return np.where(found < len(own), found, -1)
+
+
+def _boundaries(mesh: Mesh, facets: Longs, marks: dict[str, Bools], notes: list[str]) -> dict[str, Ints]:
+    if not len(facets):
+        return {}
+    number = _lookup(mesh, facets)
+    out = {}
+    for name, has in marks.items():
+        if not has.any():
+            continue
+        found = np.unique(number[has & (number >= 0)])
+        stray = int((has & (number < 0)).sum())
+        if stray:
+            notes.append(f"{_some(stray, 'facet')} of the group {name!r}, of no element, {_was(stray)} left out")
+        if len(found):
+            out[name] = found.astype(np.int32)
+    return out
+
+
+def _between(mesh: Mesh, vertices: Longs) -> Ints:
+    """Facets of the boundary all of whose vertices are given."""
+    has = np.zeros(int(mesh.nvertices), dtype=bool)
+    has[vertices[vertices >= 0]] = True
+    outer = mesh.boundary_facets()
+    return np.asarray(outer[has[mesh.facets[:, outer]].all(axis=0)], dtype=np.int32)
+
+
+def _tell_parts(mesh: Mesh, notes: list[str]) -> None:
+    count, piece = connected(mesh.t, int(mesh.nvertices))
+    if count == 1:
+        return
+    sizes = np.bincount(piece[mesh.t[0]], minlength=count)
+    small = int(sizes.argmin())
+    where = describe_point(mesh.p[:, mesh.t[:, piece[mesh.t[0]] == small][0, 0]])
+    note = f"the mesh has {count} parts that share no vertex; the smallest has {_some(int(sizes[small]), 'element')}, "
+    note += f"one of them at {where}"
+    from scipy.spatial import cKDTree
+
+    extent = float(np.ptp(mesh.p, axis=1).max())
+    here = cKDTree(mesh.p[:, piece == small].T)
+    touching = here.count_neighbors(cKDTree(mesh.p[:, piece != small].T), _FLAT * extent)
+    if touching:
+        note += f"; {touching} of its vertices are where others are: mesh.join = true makes them one"
+    notes.append(note)
