@@ -18,6 +18,7 @@ from .material.composite import Composite
 from .material.influence import Influence, conical, constant, gaussian
 from .material.own import Scalars, own_potential
 from .material.potential import Exponential, Linear, Potential, Rational
+from .model.bond_state import Breaking
 from .model.loads import body_force, layer_traction, traction
 from .model.mass import interpolate, mass_matrix, project
 from .model.peridynamics import Peridynamics
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 __all__ = [
     "BallRule",
     "BondBasis",
+    "Breaking",
     "Census",
     "Composite",
     "Crack",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._types import Floats
+from ..model.bond_state import Breaking
 from ..model.kernels import Block
 from ..model.peridynamics import Peridynamics
 
@@ -15,12 +16,16 @@ _USED = 1e-9  # P1 values below this are round-off: the bond does not use the ve
 
 @dataclass(frozen=True)
 class Census:
-    """Bonds counted over the whole body: the largest ``Z = |S| / S_c``, softened bonds, and where the energy sits."""
+    """Bonds counted over the whole body: the largest ``Z = |S| / S_c``, softened bonds, and where the energy sits.
+
+    Bonds that are ``broken`` for good are counted apart.
+    """
 
     Z: float
     softened: int
     energy_intact: float
     energy_softened: float
+    broken: int = 0
 
     @property
     def elastic(self) -> float:
@@ -33,20 +38,14 @@ class Damage:
     """The state of the bonds at the vertices under one displacement.
 
     ``Z`` (nvertices,) is ``max |S| / S_c`` over the bonds of a vertex, 0 where none can fail; ``intact`` (nvertices,)
-    the fraction of a vertex's bonds with ``|S| <= S_c``; ``softened`` counts the others. No-fail bonds are intact.
+    the fraction of a vertex's bonds with ``|S| <= S_c``; ``softened`` counts the others; those broken for good are
+    no bonds any more, and not intact. No-fail bonds are intact.
     A bond that ends inside an element is a bond of its vertices, by their P1 values.
     """
 
     Z: Floats
     intact: Floats
     softened: int
-
-
-def _ratio(block: Block, T: Floats) -> Floats:
-    """``|S| / S_c`` of bonds, which is ``|T| / rbar``; 0 for a law that never softens."""
-    Z: Floats = np.abs(T)
-    Z *= 1.0 / block.law.inflection
-    return Z
 
 
 def census(body: Peridynamics, u: Floats) -> Census:
@@ -64,7 +63,7 @@ def census(body: Peridynamics, u: Floats) -> Census:
     def look(block: Block, T: Floats) -> tuple[float, int, float, float]:
         energy = block.law.energy(T)
         energy *= block.k
-        Z = _ratio(block, T)
+        Z = block.law.severity(T)
         Z *= block.k > 0.0  # a bond of zero measure is none
         largest = float(Z.max(initial=0.0))
         soft = np.flatnonzero(Z > 1.0) if largest > 1.0 else ()
@@ -79,6 +78,7 @@ def census(body: Peridynamics, u: Floats) -> Census:
         sum(row[1] for row in rows),
         sum(row[2] for row in rows),
         sum(row[3] for row in rows),
+        body.state.count if isinstance(body, Breaking) else 0,
     )
 
 
@@ -97,7 +97,7 @@ def damage(body: Peridynamics, u: Floats) -> Damage:
     Z, every, gone = np.zeros(samples.nsamples), np.zeros(samples.nsamples), np.zeros(samples.nsamples)
 
     def look(block: Block, T: Floats) -> tuple[slice, Floats, Floats, Floats, int]:
-        C, ratio, live = block.incidence(1.0), _ratio(block, T), block.k > 0.0
+        C, ratio, live = block.incidence(1.0), block.law.severity(T), block.k > 0.0
         soft = (ratio > 1.0) & live
         largest = np.zeros(block.part.width)
         used = C.data.ravel() > _USED
@@ -106,6 +106,8 @@ def damage(body: Peridynamics, u: Floats) -> Damage:
         return block.window, largest, C.T @ live.astype(float), lost, int(soft.sum())
 
     softened = 0
+    if isinstance(body, Breaking):
+        every, gone = every + body.lost, gone + body.lost
     for window, largest, count, lost, number in body.each_block(u, look):
         np.maximum(Z[window], largest, out=Z[window])
         every[window] += count

@@ -20,6 +20,7 @@ from ..geometry.slit import Crack, facets_on, slit
 from ..material.calibration import Material
 from ..material.composite import Composite
 from ..material.influence import as_influence
+from ..model.bond_state import Breaking
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics
 from ..model.space import vector_basis
@@ -87,7 +88,7 @@ class Problem:
     def material(self) -> Material | Composite:
         """The material, or with inclusions what is where."""
         table = dataclasses.asdict(self.scene.material)
-        between = table.pop("between")
+        between, _ = table.pop("between"), table.pop("breaking")
         with blame("material"):
             matrix = Material.from_elastic(**table)
         if not self.scene.inclusion:
@@ -203,7 +204,11 @@ class Problem:
         """The body for what is asked of it at rest, the step limit before all: some forty products."""
         spared = [self.vertices(table, f"no_fail[{k}]") for k, table in enumerate(self.scene.no_fail)]
         no_fail = np.unique(np.concatenate(spared)) if spared else None
+        breaking = self.scene.material.breaking
         body = Peridynamics(self.bonds, self.material, no_fail=no_fail)
+        if breaking is not None:
+            with blame("material"):
+                body = Breaking(self.bonds, self.material, no_fail=no_fail, at=breaking)
         with blame("material"):
             _ = body.laws
         return body if worth_compiling(self.bonds.nbonds, PRODUCTS) else body.with_(compiled=False)

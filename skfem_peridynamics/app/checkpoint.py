@@ -28,8 +28,8 @@ _FIRST = b"skfem-peridynamics checkpoint 1\n"
 _LONGEST = 1 << 26  # bytes of the line of JSON
 _SUM = 65  # bytes of the last line
 _KINDS: dict[str, tuple[type[Any], tuple[str, ...], tuple[str, ...]]] = {
-    "state": (State, ("t", "step", "dt", "work", "initial", "initial_ripple", "lag"), ("u", "v", "a")),
-    "equilibrium": (Equilibrium, ("t", "step", "dt", "work", "initial"), ("u", "reaction", "change")),
+    "state": (State, ("t", "step", "dt", "work", "initial", "initial_ripple", "lag", "dissipated"), ("u", "v", "a")),
+    "equilibrium": (Equilibrium, ("t", "step", "dt", "work", "initial", "dissipated"), ("u", "reaction", "change")),
 }
 
 
@@ -64,6 +64,8 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
         header["spent"] = state.memory.spent
         if state.memory.tangent is not None:
             vectors["tangent"] = state.memory.tangent
+    if state.broken is not None:
+        header["broken"] = [one.tolist() for one in state.broken]
     header["vectors"] = list(vectors)
     with aside(path) as part:
         with open_new(part) as file:
@@ -100,7 +102,8 @@ def _read(file: IO[bytes], size: int) -> Checkpoint:
     line = file.readline(_LONGEST)
     header = json.loads(line)
     kind, numbers, names = _KINDS[header["kind"]]
-    given: dict[str, Any] = {name: float(header["numbers"][name]) for name in numbers}
+    known = {"dissipated": 0.0} | header["numbers"]  # which older files lack
+    given: dict[str, Any] = {name: float(known[name]) for name in numbers}
     given["step"] = int(header["numbers"]["step"])
     count = len(header["vectors"])
     length, rest = divmod(size - len(_FIRST) - len(line) - _SUM, 8 * count)
@@ -110,6 +113,8 @@ def _read(file: IO[bytes], size: int) -> Checkpoint:
         str(name): np.frombuffer(file.read(8 * length), dtype="<f8").astype(float) for name in header["vectors"]
     }
     memory = Memory(int(header["spent"]), vectors.pop("tangent", None)) if "spent" in header else None
+    if "broken" in header:
+        given["broken"] = tuple(np.array(one, dtype=np.int64).reshape(-1) for one in header["broken"])
     if not set(vectors) <= set(names):
         raise DamagedCheckpoint("its vectors do not fit")
     rows = [tuple(value if isinstance(value, int) else float(value) for value in row) for row in header["rows"]]

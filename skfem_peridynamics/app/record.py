@@ -164,14 +164,14 @@ class Record:
 
 
 def _energies(state: State, count: Census) -> Energies:
-    return Energies(state.kinetic, count.elastic, state.work, state.initial)
+    return Energies(state.kinetic, count.elastic, state.work, state.initial, state.dissipated)
 
 
 def row_of(state: State | Equilibrium, count: Census) -> tuple[float, ...]:
     """Return a row of the history."""
     kinetic = state.kinetic
     total = kinetic + count.elastic
-    imbalance = total - state.work - state.initial
+    imbalance = total + state.dissipated - state.work - state.initial
     return (
         *(state.t, state.step, kinetic, count.energy_intact, count.energy_softened, total, state.work, imbalance),
         *(count.softened, count.Z),

@@ -7,6 +7,7 @@ from typing import Any
 
 from ..bonds.ball import BallRule
 from ..bonds.rules import PairRule, Rule
+from ..material.tension import COMPRESSION
 from .formula import Formula, FormulaError
 from .reading import SceneError, choice, count, counts, flag, key, number, positive, rows, text
 
@@ -64,7 +65,10 @@ class MeshTable:
 
 @dataclass(frozen=True)
 class MaterialTable:
-    """``[material]``: what :meth:`Material.from_elastic` takes; ``between`` is the mean for bonds to an inclusion."""
+    """``[material]``: what :meth:`Material.from_elastic` takes; ``between`` is the mean for bonds to an inclusion.
+
+    Bonds beyond ``breaking`` times their critical strain break for good; without it those that close again heal.
+    """
 
     density: float = key(positive)
     young: float | None = key(positive, None)
@@ -76,6 +80,8 @@ class MaterialTable:
     potential: str = key(choice("exponential", "rational", "linear"), "exponential")
     convention: str = key(choice("physical", "paper"), "physical")
     calibrate: str = key(choice("continuum", "discrete"), "continuum")
+    compression: str = key(choice(*COMPRESSION), "soften")
+    breaking: float | None = key(positive, None)
     between: str = key(choice("harmonic", "arithmetic", "weaker"), "harmonic")
 
 

@@ -61,6 +61,12 @@ class PairPart:
     def with_weight(self, weight: Floats) -> PairPart:
         return dataclasses.replace(self, given=weight)
 
+    def pick(self, which: Longs) -> PairPart:
+        """Return the part with only some of its bonds, listed in order."""
+        given = None if self.given is None else self.given[which]
+        start = np.searchsorted(which, self.start)
+        return dataclasses.replace(self, start=start, partner=self.partner[which], given=given)
+
     @property
     def ends(self) -> Ints:
         """Both ends, sample numbers less ``first``, (nbonds, 2)."""

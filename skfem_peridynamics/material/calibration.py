@@ -11,6 +11,7 @@ import numpy as np
 
 from .own import make_potential
 from .potential import Potential
+from .tension import COMPRESSION, TensionOnly
 
 # volume of the unit ball, omega_d, for d = 0, 1, 2, 3
 UNIT_BALL = (1.0, 2.0, pi, 4.0 * pi / 3.0)
@@ -91,6 +92,7 @@ class Material:
     calibrate: str = "continuum"
     K_Ic: float | None = None
     poisson: float | None = None
+    compression: str = "soften"
 
     @classmethod
     def from_elastic(
@@ -106,13 +108,16 @@ class Material:
         potential: Any = "exponential",
         convention: str = "physical",
         calibrate: str = "continuum",
+        compression: str = "soften",
     ) -> Material:
         """Describe a material by what handbooks give.
 
         ``young`` (E) or ``lame`` (lambda = mu); ``toughness`` (G_c, energy per area) or ``K_Ic``, not needed for
         ``potential="linear"``; ``density``; ``plane`` is ``"stress"`` or ``"strain"`` in 2D and absent in 1D and 3D.
         ``convention="paper"`` takes the factors ``C_d`` as the paper prints them (waves run sqrt(2) too fast in
-        2D and 3D). ``calibrate="discrete"`` uses the moment of the bonds at hand in place of ``M_d``.
+        2D and 3D). ``compression="elastic"`` lets bonds soften in tension only; those that are pressed stay linear
+        (the paper's law softens both ways). ``calibrate="discrete"`` uses the moment of the bonds at hand in place of
+        ``M_d``.
 
         Raises ``ValueError`` for constants that are missing, doubled, not positive, or that a bond-based law
         cannot have.
@@ -122,7 +127,7 @@ class Material:
         >>> law.slope, round(law.limit, 6)             # f'(0) = 4 * 27e9 / (2/3), f_inf = pi 135 / (4/3)
         (162000000000.0, 318.086256)
         """
-        return cls(young, lame, toughness, density, plane, potential, convention, calibrate, K_Ic, poisson)
+        return cls(young, lame, toughness, density, plane, potential, convention, calibrate, K_Ic, poisson, compression)
 
     def __post_init__(self) -> None:
         for name in ("young", "lame", "toughness", "K_Ic", "density"):
@@ -141,6 +146,8 @@ class Material:
             raise ValueError(f"convention = {self.convention!r} must be one of {', '.join(FACTOR)}")
         if self.calibrate not in ("continuum", "discrete"):
             raise ValueError(f'calibrate = {self.calibrate!r} must be "continuum" or "discrete"')
+        if self.compression not in COMPRESSION:
+            raise ValueError(f"compression = {self.compression!r} must be one of {', '.join(COMPRESSION)}")
 
     def with_(self, **changes: Any) -> Material:
         """Return a copy with some constants changed.
@@ -174,7 +181,12 @@ class Material:
             toughness = self.K_Ic**2 / (young if self.plane == "stress" else young / (1.0 - nu**2))
         spread = 2 * UNIT_BALL[dim - 1] / UNIT_BALL[dim] * crack_moment
         limit = float("inf") if toughness is None else toughness / spread
-        return make_potential(self.potential, slope, limit)
+        return self.shaped(slope, limit)
+
+    def shaped(self, slope: float, limit: float) -> Potential:
+        """Return the law of this shape with a given ``f'(0)`` and ``f_inf``."""
+        law = make_potential(self.potential, slope, limit)
+        return TensionOnly.of(law) if self.compression == "elastic" else law
 
     def elastic(self, law: Potential, dim: int, moment: float, crack_moment: float | None = None) -> Elastic:
         """Return the constants that a law has: the way back, always with the physical factor.

@@ -11,7 +11,6 @@ import numpy as np
 
 from .._types import Floats, Longs, Mesh
 from .calibration import Material
-from .own import make_potential
 from .potential import Potential
 
 MOST = 62  # materials: one bit of an integer each
@@ -98,7 +97,7 @@ class Composite:
         slope = mean(np.array([laws[k].slope for k in members]))
         limit = mean(np.array([laws[k].limit for k in members]))
         weakest = min(members, key=lambda k: laws[k].limit)
-        return make_potential(self.materials[weakest].potential, slope, limit)
+        return self.materials[weakest].shaped(slope, limit)
 
     def member_of(self, mesh: Mesh) -> Longs:
         """Return the number of the material of each element, (nelements,).

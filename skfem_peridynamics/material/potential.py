@@ -72,6 +72,17 @@ class Potential:
         q = T * T
         return 2.0 * self.df(q) + 4.0 * q * self.d2f(q)
 
+    def secant(self, T: Floats) -> Floats:
+        """Return ``F1'(T) / T = 2 f'(T^2)``."""
+        g: Floats = 2.0 * self.df(T * T)
+        return g
+
+    def severity(self, T: Floats) -> Floats:
+        """Return ``Z = |S| / S_c = |T| / rbar``: beyond 1 a bond has softened; 0 for a law that never does."""
+        Z: Floats = np.abs(T)
+        Z *= 1.0 / self.inflection
+        return Z
+
     @cached_property
     def inflection(self) -> float:
         """``rbar``, where the force of a bond is largest: the root of ``f'(T^2) + 2 T^2 f''(T^2) = 0``."""

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .._types import Floats
+from .._types import Floats, Longs
 from ..bonds.parts import BallPart
 from .ball_tasks import BallField
 from .compiled_law import linear
@@ -61,6 +61,26 @@ class CompiledEngine:
             self.schedule.run(lambda task: task.add_force(desk, task.law), self.team)
             out: Floats = self.field.collect(desk, self.team)
         return out
+
+    def break_and_force(self, u: Floats, at: float) -> tuple[Floats, list[tuple[Block, Longs]]]:
+        """Break the bonds beyond ``at`` times their critical strain; return the others' force, and which broke."""
+        hit: list[Any] = []
+        with self._desk(u) as desk:
+
+            def take(task: Any) -> None:
+                if task.break_and_add_force(desk, at):
+                    hit.append(task)
+
+            self.schedule.run(take, self.team)
+            number = {id(block): k for k, block in enumerate(self.other.blocks)}
+            hit.sort(key=lambda task: (number[id(task.block)], task.bonds.start))
+            out: Floats = self.field.collect(desk, self.team)
+        found = []
+        for task in hit:
+            which = task.bonds.start + np.flatnonzero(task.block.k[task.bonds] < 0.0)
+            task.block.k[which] = 0.0
+            found.append((task.block, which))
+        return out, found
 
     def product(self, weights: Sequence[Floats] | None, v: Floats, transposed: bool = False) -> Floats:
         if transposed and not self.other.bonds.rule.symmetric:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -11,8 +12,9 @@ from .._compile import compiled
 from .._types import Floats
 from ..material.own import Scalars
 from ..material.potential import Exponential, Linear, Potential, Rational
+from ..material.tension import TensionOnly
 from .kernels import Block
-from .law_loops import EXPONENTIAL, LINEAR, OWN, RATIONAL
+from .law_loops import EXPONENTIAL, LINEAR, OWN, RATIONAL, TENSION
 
 _KINDS: dict[type, int] = {Exponential: EXPONENTIAL, Rational: RATIONAL, Linear: LINEAR}
 
@@ -39,7 +41,7 @@ class Law:
 
     def loop(self, made: Callable[..., Any]) -> Callable[..., Any]:
         """Return a loop for this law: with functions of the user's own in it, its code is not kept on disk."""
-        return _unkept(made) if self.kind == OWN else made
+        return _unkept(made) if self.kind % TENSION == OWN else made
 
 
 @cache
@@ -58,6 +60,9 @@ def law_of(potential: Potential) -> Law | None:
     >>> law_of(Exponential(slope=8.0, limit=2.0)).b
     4.0
     """
+    if isinstance(potential, TensionOnly):
+        law = law_of(potential.law)
+        return None if law is None else dataclasses.replace(law, kind=law.kind + TENSION)
     if type(potential) in _KINDS:
         return Law(_KINDS[type(potential)], potential.slope, potential.b)
     scalars = getattr(potential, "law", None)
@@ -68,5 +73,5 @@ def law_of(potential: Potential) -> Law | None:
 
 def secant(block: Block, T: Floats, some: slice) -> Floats:
     """Return weights w that make ``B^T w B u`` the force of some bonds of a law that only Python can evaluate."""
-    weight: Floats = 2.0 * block.k[some] * block.law.df(T * T)
+    weight: Floats = block.k[some] * block.law.secant(T)
     return weight

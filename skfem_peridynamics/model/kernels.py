@@ -15,6 +15,7 @@ threads.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
@@ -35,6 +36,7 @@ class Engine(Protocol):
     """What computes the operators of a body from its blocks; vectors are nodal, (N,).
 
     ``each`` runs a function on every block and the scaled strains of its bonds, and yields results in block order.
+    ``break_and_force`` breaks the bonds beyond ``at`` times their critical strain, and returns them, in order, too.
     ``product`` applies ``a_l``, or with weights (one array per block) ``X^T diag(weights) B``.
     """
 
@@ -46,12 +48,14 @@ class Engine(Protocol):
 
     def each(self, u: Floats, function: Callable[[Block, Floats], _T]) -> Iterator[_T]: ...
 
+    def break_and_force(self, u: Floats, at: float) -> tuple[Floats, list[tuple[Block, Longs]]]: ...
+
 
 @dataclass(frozen=True, eq=False)
 class Block:
     """Some bonds of one law: those of a part, or the ones that ``which`` lists.
 
-    It may ``keep`` its matrices and ``store`` its measures.
+    It may ``keep`` its matrices and ``store`` its measures; those that are its ``own`` may change.
     """
 
     law: Potential
@@ -60,6 +64,7 @@ class Block:
     which: Longs | None
     keep: bool
     store: bool
+    own: bool = False
 
     @property
     def symmetric(self) -> bool:
@@ -75,6 +80,28 @@ class Block:
             if self.store:
                 self.__dict__["_k"] = made
         return made
+
+    def owned(self) -> Block:
+        """Return the same block with measures of its own, which may be changed."""
+        other = dataclasses.replace(self, store=True, own=True)
+        other.__dict__["_k"] = np.array(self.k)
+        return other
+
+    def some(self, which: Longs) -> Block:
+        """Return a block of some of the bonds, with the measures they have while they are whole."""
+        inside = which if self.which is None else self.which[which]
+        if isinstance(self.part, PairPart):
+            order = np.argsort(inside, kind="stable")
+            return Block(self.law, self.part.pick(inside[order]), self.bonds, None, keep=False, store=False)
+        return Block(self.law, self.part, self.bonds, inside, keep=False, store=False)
+
+    def beyond(self, T: Floats, at: float, bonds: slice = slice(None)) -> Longs:
+        """Return which bonds, of those that are there, are beyond ``at`` times their critical strain.
+
+        T is that of all bonds, or of some in a row.
+        """
+        found = np.flatnonzero((self.law.severity(T) > at) & (self.k[bonds] > 0.0))
+        return np.asarray(found + (bonds.start or 0), dtype=np.int64)
 
     @property
     def window(self) -> slice:
@@ -207,6 +234,12 @@ class SparseEngine:
         v = self._samples(u)
         F = self._gather(lambda block: block.force(v))
         return self.bonds.samples.spread(np.negative(F, out=F)).ravel()
+
+    def break_and_force(self, u: Floats, at: float) -> tuple[Floats, list[tuple[Block, Longs]]]:
+        found = list(self.each(u, lambda block, T: block.beyond(T, at)))
+        for block, which in zip(self.blocks, found, strict=True):
+            block.k[which] = 0.0
+        return self.force(u), [(block, one) for block, one in zip(self.blocks, found, strict=True) if len(one)]
 
     def product(self, weights: Sequence[Floats] | None, v: Floats, transposed: bool = False) -> Floats:
         x = self._samples(v)

@@ -16,6 +16,7 @@ from numba.extending import intrinsic
 from .._compile import compiled, unordered
 
 EXPONENTIAL, RATIONAL, LINEAR, OWN = range(4)
+TENSION = 8  # is added to the number of a law that softens in tension only
 BATCH = 512  # bonds
 
 # A batch lives in one array, a row after the other: with distances that the compiler knows it need not ask at run time
@@ -86,9 +87,37 @@ def exponential(x: float) -> float:
 
 
 @compiled
+def _only_stretched(W: Any, n: int) -> None:
+    """Put bonds that are pressed where every law is linear."""
+    for m in range(n):
+        W[m + Q] = W[m + Q] if W[m + C] > 0.0 else 0.0
+
+
+@compiled
+def snap(limit: float, both: bool, W: Any, given: Any, low: int, n: int) -> int:
+    """Break the bonds with Q above a limit, in tension or in ``both`` directions, and count them.
+
+    K becomes 0, and the measure given for them -1, by which they are found.
+    """
+    count = 0
+    least = -np.inf if both else 0.0
+    for m in range(n):
+        count += 1 if (W[m + K] > 0.0) & (W[m + Q] > limit) & (W[m + C] > least) else 0
+    if count:
+        for m in range(n):
+            if (W[m + K] > 0.0) & (W[m + Q] > limit) & (W[m + C] > least):
+                W[m + K] = 0.0
+                given[low + m] = -1.0
+    return count
+
+
+@compiled
 def bend(kind: int, slope: float, b: float, own: Any, W: Any, n: int) -> None:
     """Turn K into ``2 K C f'(Q)``."""
     twice = 2.0 * slope
+    if kind >= TENSION:
+        _only_stretched(W, n)
+        kind -= TENSION
     if own is not None:
         for m in range(n):
             W[m + K] *= 2.0 * W[m + C] * own(W[m + Q])
@@ -107,7 +136,12 @@ def bend(kind: int, slope: float, b: float, own: Any, W: Any, n: int) -> None:
 @compiled
 def stored(kind: int, slope: float, b: float, own: Any, W: Any, n: int) -> float:
     """Return ``sum K f(Q)``."""
-    total = 0.0
+    total, pressed = 0.0, 0.0
+    if kind >= TENSION:
+        for m in range(n):
+            pressed += W[m + K] * (W[m + Q] if W[m + C] < 0.0 else 0.0)
+        _only_stretched(W, n)
+        kind -= TENSION
     if own is not None:
         for m in range(n):
             total += W[m + K] * own(W[m + Q])
@@ -125,7 +159,7 @@ def stored(kind: int, slope: float, b: float, own: Any, W: Any, n: int) -> float
         for m in range(n):
             total += W[m + K] * W[m + Q]
         total *= slope
-    return total
+    return total + slope * pressed
 
 
 @unordered

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .._compile import compiled
-from .law_loops import BATCH, R2, REST, ROOM, XI, YI, ZI, C, K, Q, S, bend, inverse_root, multiplied, stored
+from .law_loops import BATCH, R2, REST, ROOM, XI, YI, ZI, C, K, Q, S, bend, inverse_root, multiplied, snap, stored
 
 
 @compiled
@@ -123,17 +123,26 @@ def force(
     b: float,
     own: Any,
     F: Any,
-) -> None:
-    """Add the forces of the bonds to F, three rows (of which the last are not used in 1D and 2D)."""
+    limit: Any = None,
+    both: bool = True,
+) -> int:
+    """Add the forces of the bonds to F, three rows (of which the last are not used in 1D and 2D).
+
+    Bonds beyond a ``limit`` break; return how many, see :func:`~.law_loops.snap`.
+    """
     W = np.empty(ROOM)
+    count = 0
     for row in range(len(start) - 1):
         i = first + row
         for low in range(start[row], start[row + 1], BATCH):
             n = min(BATCH, start[row + 1] - low)
             J = far[low : low + n]
             _batch(axes, J, n, i, P, given, low, reach, scale, W)
+            if limit is not None:
+                count += snap(limit, both, W, given, low, n)
             bend(kind, slope, b, own, W, n)
             _scatter(axes, J, n, i, W, F)
+    return count
 
 
 @compiled

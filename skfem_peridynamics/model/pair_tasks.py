@@ -14,6 +14,7 @@ from .._compile import compiled
 from .._types import Floats, Ints, Longs
 from ..bonds.bond_basis import BondBasis
 from ..bonds.parts import PairPart, rows_of
+from ..material.tension import TensionOnly
 from . import pair_loops
 from .compiled_law import Law, law_of, secant
 from .kernels import Block
@@ -93,6 +94,25 @@ class PairTask:
             measure, sums = (self.given, self.reach, self.scale), desk.view(self.block.window)
             law.loop(pair_loops.force)(*self._bonds(desk), *measure, *law.gradient, sums)
 
+    def break_and_add_force(self, desk: PairDesk, at: float) -> int:
+        """Break the bonds beyond ``at`` times their critical strain, add the forces of the others; return how many.
+
+        Those that broke have the measure -1.
+        """
+        if self.law is None:
+            which = self.block.beyond(self.strains(desk), at, self.bonds)
+            self.block.k[which] = 0.0
+            self.add_force(desk, None)
+            self.block.k[which] = -1.0
+            return len(which)
+        if not np.isfinite(self.block.law.inflection):
+            self.add_force(desk, self.law)
+            return 0
+        measure, sums = (self.given, self.reach, self.scale), desk.view(self.block.window)
+        limit, both = (at * self.block.law.inflection) ** 2, not isinstance(self.block.law, TensionOnly)
+        loop = self.law.loop(pair_loops.force)
+        return int(loop(*self._bonds(desk), *measure, *self.law.gradient, sums, limit, both))
+
     def take_product(self, desk: PairDesk, weight: Floats) -> None:
         """Take ``B^T diag(weight) B u`` off the sums; weights are those of the block's bonds."""
         pair_loops.product(*self._bonds(desk), weight[self.bonds], desk.view(self.block.window))
@@ -112,7 +132,7 @@ class PairField:
         if block.which is not None:
             start, partner = np.searchsorted(block.which, start), partner[block.which]
             given = None if given is None else given[block.which]
-        if not plain or (given is None and block.store):
+        if not plain or block.own or (given is None and block.store):
             given, scale = block.k, 1.0
         whole = slice(0, len(partner))
         return PairTask(block, law_of(block.law), part.row, start, partner, given, part.reach, scale, whole)

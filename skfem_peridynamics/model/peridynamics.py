@@ -63,6 +63,11 @@ class Peridynamics:
         return dataclasses.replace(self, **changes)
 
     @property
+    def whole(self) -> Peridynamics:
+        """The body with all its bonds: itself, unless some can break for good."""
+        return self
+
+    @property
     def basis(self) -> Any:
         """The scikit-fem basis of the displacement."""
         return self.bonds.space

@@ -11,6 +11,7 @@ import scipy.sparse as sparse
 
 from .._sums import inner
 from .._types import Floats, Load
+from ..model.bond_state import Breaking
 from ..model.peridynamics import Peridynamics
 from .cfl import StepLimit, TangentLimit
 from .constraints import Prescribed, check_fixed
@@ -45,7 +46,8 @@ def central_difference(
 
     The first state is the initial one. ``M`` is the lumped or the consistent mass, ``load(t)`` a vector (N,),
     ``fixed`` the prescribed motions. Every ``watch`` steps the energy balance is checked (0: never; or a :class:`Watch`
-    of your own); ``limit`` only serves the message. ``start`` continues an earlier run with the same bits. Every
+    of your own); ``limit`` only serves the message. Bonds of a
+    :class:`Breaking` body break as they pass their limit. ``start`` continues an earlier run with the same bits. Every
     ``adapt`` steps (0: never) the limit is estimated again from the tangent, and dt kept at most the same part of it:
     for laws of your own that stiffen; it takes ``limit`` and a :class:`Peridynamics` with a symmetric rule. The step is
     never longer than ``dt``: softened bonds that close again are stiff again (docs/stability.md). There is no mass
@@ -115,7 +117,7 @@ def _steps(
     def accelerate(step: int) -> tuple[Floats, Floats | None]:
         """Acceleration at a step from force and load; prescribed degrees of freedom follow their own motion."""
         b = None if load is None else checked_load(load(at(step)), size, at(step))
-        total = body.force(u)
+        total = body.force(u) if breaking is None else breaking.force_and_break(u)
         if b is not None:
             total = total + b
         if not fixed:
@@ -133,6 +135,8 @@ def _steps(
             resist[one.dofs] = inertia[one.dofs] - total[one.dofs]
         return a, b
 
+    breaking = body if isinstance(body, Breaking) else None
+    dissipated = 0.0
     room = np.empty(size)  # for accelerations
     resist = np.zeros(size if fixed else 0)  # reaction at prescribed degrees of freedom, 0 elsewhere
     if start is None:
@@ -151,7 +155,9 @@ def _steps(
         if start.dt != dt:
             raise ValueError(f"dt = {dt}: the state to start from was made with dt = {start.dt}")
         u, v, step = start.u.copy(), start.v.copy(), start.step
-        work, initial, ripple = start.work, start.initial, start.initial_ripple
+        work, initial, ripple, dissipated = start.work, start.initial, start.initial_ripple, start.dissipated
+        if breaking is not None:
+            breaking.recall(start.broken)
         a, b = accelerate(step)
     if initial is None:
         initial = 0.5 * inner(v, mass.times(v)) + (float(body.energy(u)) if hasattr(body, "energy") else 0.0)
@@ -162,7 +168,11 @@ def _steps(
         views = [x.view() for x in (u, v, a)]
         for x in views:
             x.flags.writeable = False
-        return State(at(step), step, dt, views[0], views[1], views[2], work, initial, ripple, 0.25, body, mass)
+        return State(
+            *(at(step), step, dt, views[0], views[1], views[2], work, initial, ripple, 0.25, body, mass),
+            dissipated=dissipated,
+            broken=None if breaking is None else tuple(breaking.state.broken),
+        )
 
     now = state()
     guard.good = now.copy()
@@ -183,6 +193,9 @@ def _steps(
                 work += 0.5 * inner(before + b, du)
             if fixed:
                 work += 0.5 * inner(pulled + resist, du)
+            if breaking is not None and breaking.state.released is not None:
+                # what broke has pulled along half of this step only: the motion lacks that work
+                dissipated += breaking.state.energy - 0.5 * inner(breaking.state.released, du)
             np.multiply(a, 0.5 * dt, out=half)
             v += half
         now = state()

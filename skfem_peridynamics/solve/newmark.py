@@ -10,6 +10,7 @@ import scipy.sparse as sparse
 
 from .._sums import inner
 from .._types import Floats, Load, Longs
+from ..model.bond_state import Breaking
 from ..model.held import held_by_bonds
 from ..model.peridynamics import Peridynamics
 from .cfl import StepLimit
@@ -91,10 +92,10 @@ def newmark(
         *(
             body,
             mass_solver(M, prescribed),
-            Preconditioner(body, M, free, linear),
+            Preconditioner(body.whole, M, free, linear),
             fixed,
             prescribed,
-            held_by_bonds(body),
+            held_by_bonds(body.whole),
         ),
         *(beta, gamma, tolerance, effort if effort is not None else Effort()),
     )
@@ -152,6 +153,15 @@ class _Step:
         velocity[fixed], accelerated[fixed] = v1[fixed], a1[fixed]
         return found, velocity, accelerated
 
+    def again(self, u: Floats, a: Floats, b: Floats | None) -> Floats:
+        """Return the acceleration at u, where bonds have just broken."""
+        total = self.body.force(u) if b is None else self.body.force(u) + b
+        given = np.zeros(len(u))
+        given[self.prescribed] = a[self.prescribed]
+        out = self.mass.solve(total - self.mass.times(given))
+        out[self.prescribed] = given[self.prescribed]
+        return out
+
     def reaction(self, u: Floats, a: Floats, b: Floats | None) -> Floats:
         """Return what holds or moves the prescribed degrees of freedom; 0 elsewhere."""
         out = np.zeros(len(u))
@@ -181,6 +191,9 @@ def _steps(
     def pull(t: float) -> Floats | None:
         return None if load is None else checked_load(load(t), len(u), t)
 
+    breaking, dissipated = (step.body if isinstance(step.body, Breaking) else None), 0.0
+    if breaking is not None:
+        breaking.recall(None if start is None else start.broken)
     b = pull(0.0 if start is None else start.t)
     if start is None:
         a, work = step.begin(dt, u, v, b), 0.0
@@ -194,6 +207,7 @@ def _steps(
         u, v, a = start.u.copy(), start.v.copy(), start.a.copy()
         step.inverse.recall(start.memory)
         work, initial, ripple, count = start.work, start.initial, start.initial_ripple, start.step
+        dissipated = start.dissipated
     held = step.reaction(u, a, b)
     guard = watching(watch, limit, abs(initial), damps=step.gamma > 0.5)
 
@@ -205,6 +219,8 @@ def _steps(
         return State(
             *(at(ticks), count, made_with, views[0], views[1], views[2], work, initial, ripple, lag),
             *(step.body, step.mass, step.inverse.memory),
+            dissipated=dissipated,
+            broken=None if breaking is None else tuple(breaking.state.broken),
         )
 
     now = state()
@@ -235,6 +251,12 @@ def _steps(
         work += 0.5 * inner(held + pulled, u1 - u)
         if b is not None and b1 is not None:
             work += 0.5 * inner(b + b1, u1 - u)
+        if breaking is not None:
+            breaking.force_and_break(u1)
+            if breaking.state.released is not None:
+                dissipated += breaking.state.energy
+                a = step.again(u1, a, b1)
+                pulled = step.reaction(u1, a, b1)
         u, b, held = u1, b1, pulled
         now = state()
         if guard.due(count, last=at(ticks) >= end):

@@ -114,8 +114,8 @@ class Objective:
         """
         body, full = self.body, np.zeros(len(u))
         full[self.free] = d
-        holds = list(body.each_block(u, lambda block, T: np.abs(T) < _HOLDS * block.law.inflection))
-        moves = body.each_block(full, lambda block, T: np.abs(T) / block.law.inflection)
+        holds = list(body.each_block(u, lambda block, T: block.law.severity(T) < _HOLDS))
+        moves = body.each_block(full, lambda block, T: block.law.severity(T))
         most = (float(move[hold].max(initial=0.0)) for move, hold in zip(moves, holds, strict=True))
         largest = max(most, default=0.0)
         return _NEARER / largest if largest > 0.0 else np.inf

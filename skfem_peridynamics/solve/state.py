@@ -13,18 +13,22 @@ from typing import Any
 import numpy as np
 
 from .._sums import inner
-from .._types import Floats
+from .._types import Floats, Longs
 from .preconditioner import Memory
 
 
 @dataclass(frozen=True)
 class Energies:
-    """Energies at one time. ``work`` is that of loads and prescribed motions so far, ``initial`` the first total."""
+    """Energies at one time. ``work`` is that of loads and prescribed motions so far, ``initial`` the first total.
+
+    ``dissipated`` is what bonds have taken with them that broke for good.
+    """
 
     kinetic: float
     elastic: float
     work: float
     initial: float
+    dissipated: float = 0.0
 
     @property
     def total(self) -> float:
@@ -32,8 +36,8 @@ class Energies:
 
     @property
     def imbalance(self) -> float:
-        """``kinetic + elastic - work - initial``, 0 for the exact motion."""
-        return self.kinetic + self.elastic - self.work - self.initial
+        """``kinetic + elastic + dissipated - work - initial``, 0 for the exact motion."""
+        return self.kinetic + self.elastic + self.dissipated - self.work - self.initial
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +46,7 @@ class State:
 
     ``v`` is the velocity at the full step, second order in dt: ``(u^{k+1} - u^{k-1}) / (2 dt)``; ``a`` the
     acceleration, so that ``v + dt a / 2`` is the paper's next difference quotient. ``memory`` is what the linear solver
-    of an implicit scheme has learnt.
+    of an implicit scheme has learnt, ``broken`` the bonds of a body that lets them break, ``dissipated`` their energy.
     """
 
     t: float
@@ -58,6 +62,8 @@ class State:
     _body: Any = field(repr=False, default=None)
     _mass: Any = field(repr=False, default=None)
     memory: Memory | None = field(repr=False, default=None)
+    dissipated: float = 0.0
+    broken: tuple[Longs, ...] | None = field(repr=False, default=None)
 
     @property
     def kinetic(self) -> float:
@@ -75,14 +81,18 @@ class State:
     @cached_property
     def energies(self) -> Energies:
         """Kinetic and elastic energy and external work, computed when first read."""
-        return Energies(self.kinetic, float(self._body.energy(self.u)), self.work, self.initial)
+        return Energies(self.kinetic, float(self._body.energy(self.u)), self.work, self.initial, self.dissipated)
 
     def copy(self) -> State:
         """Return a state that later steps leave alone."""
-        return dataclasses.replace(self, u=self.u.copy(), v=self.v.copy(), a=self.a.copy())
+        kept = dataclasses.replace(self, u=self.u.copy(), v=self.v.copy(), a=self.a.copy())
+        if self.broken is not None and self._body is not None:  # later its energy is that of fewer bonds
+            kept.__dict__["energies"] = self.energies
+        return kept
 
 
-_NUMBERS = ("t", "step", "dt", "work", "initial", "initial_ripple", "lag")
+_NUMBERS = ("t", "step", "dt", "work", "initial", "initial_ripple", "lag", "dissipated")
+_YOUNGER = ("lag", "dissipated")  # which older files lack
 _VECTORS = ("u", "v", "a")
 
 
@@ -102,6 +112,7 @@ def save_state(path: str | Path, state: State) -> None:
     if state.memory is not None:
         content["spent"] = np.asarray(state.memory.spent)
         content |= {} if state.memory.tangent is None else {"tangent": state.memory.tangent}
+    content |= {f"broken_{k}": one for k, one in enumerate(state.broken or ())}
     with open(aside, "wb") as file:
         np.savez(file, **content)
     os.replace(aside, path)
@@ -115,11 +126,12 @@ def load_state(path: str | Path) -> State:
     try:
         with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
             stored: dict[str, Any] = {
-                name: file[name].item()
-                for name in _NUMBERS
-                if name != "lag" or name in file  # which older files lack
+                name: file[name].item() for name in _NUMBERS if name not in _YOUNGER or name in file
             }
             stored |= {name: np.asarray(file[name], dtype=float) for name in _VECTORS}
+            lists = [name for name in file if name.startswith("broken_")]
+            if lists:
+                stored["broken"] = tuple(np.asarray(file[f"broken_{k}"], dtype=np.int64) for k in range(len(lists)))
             if "spent" in file:
                 tangent = np.asarray(file["tangent"], dtype=float) if "tangent" in file else None
                 stored["memory"] = Memory(int(file["spent"]), tangent)

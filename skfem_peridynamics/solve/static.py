@@ -12,7 +12,8 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator, cg
 
 from .._sums import inner
-from .._types import Floats, Load
+from .._types import Floats, Load, Longs
+from ..model.bond_state import Breaking
 from ..model.held import held_by_bonds
 from ..model.peridynamics import Peridynamics
 from ..model.rigidity import check_held, check_rigid
@@ -32,7 +33,7 @@ class Equilibrium:
     ``t`` is what loads and displacements were asked for, ``dt`` the last step of it; ``reaction`` (N,) holds what is
     prescribed, 0 elsewhere; ``work`` is that of loads and prescribed motions so far, ``initial`` the first energy.
     ``change`` is how u changed in the last step, by which the next is guessed, ``memory`` what the linear solver has
-    learnt.
+    learnt; ``broken`` and ``dissipated`` are the bonds that have broken for good, and their energy.
     """
 
     t: float
@@ -45,6 +46,8 @@ class Equilibrium:
     _body: Any = field(repr=False, default=None)
     change: Floats | None = field(repr=False, default=None)
     memory: Memory | None = field(repr=False, default=None)
+    dissipated: float = 0.0
+    broken: tuple[Longs, ...] | None = field(repr=False, default=None)
 
     @cached_property
     def elastic(self) -> float:
@@ -58,13 +61,16 @@ class Equilibrium:
 
     @property
     def imbalance(self) -> float:
-        """``elastic - work - initial``: 0 along a path without jumps, minus what a jump has lost."""
-        return self.elastic - self.work - self.initial
+        """``elastic + dissipated - work - initial``: 0 along a path without jumps, minus what a jump has lost."""
+        return self.elastic + self.dissipated - self.work - self.initial
 
     def copy(self) -> Equilibrium:
         """Return an equilibrium that later steps leave alone."""
         change = None if self.change is None else self.change.copy()
-        return dataclasses.replace(self, u=self.u.copy(), reaction=self.reaction.copy(), change=change)
+        kept = dataclasses.replace(self, u=self.u.copy(), reaction=self.reaction.copy(), change=change)
+        if self.broken is not None and self._body is not None:  # later its energy is that of fewer bonds
+            kept.__dict__["elastic"] = self.elastic
+        return kept
 
 
 def static(
@@ -119,12 +125,14 @@ def static(
         if one.displacement is None:
             raise ValueError("a body at rest has no velocity: prescribe the displacement, as a function of t")
     prescribed = check_fixed(fixed, size)
-    check_rigid(body)
-    check_held(body, prescribed)
+    check_rigid(body.whole)
+    check_held(body.whole, prescribed)
     free = np.setdiff1d(np.arange(size), prescribed)
     u = initial_vector(u0, size, "u0")
-    inverse = Preconditioner(body, None, free, linear)
-    path = _Path(body, inverse, fixed, load, held_by_bonds(body), tolerance, effort if effort is not None else Effort())
+    inverse = Preconditioner(body.whole, None, free, linear)
+    path = _Path(
+        body, inverse, fixed, load, held_by_bonds(body.whole), tolerance, effort if effort is not None else Effort()
+    )
     return _follow(path, u, until / steps, int(steps), start)
 
 
@@ -161,6 +169,20 @@ class _Path:
             return self.settle(guess, b)
         except NotConverged as error:
             raise NotConverged(f"there is no equilibrium at t = 0 to start from: {error}") from None
+
+    def let_break(self, body: Breaking, u: Floats, b: Floats | None) -> tuple[Floats, float]:
+        """Break bonds and settle again, until none breaks; return the equilibrium and what they had stored."""
+        before, lost = tuple(body.state.broken), 0.0
+        try:
+            while True:
+                body.force_and_break(u)
+                if body.state.released is None:
+                    return u, lost
+                lost += body.state.energy
+                u = self.settle(u, b)
+        except NotConverged:
+            body.recall(before)
+            raise
 
     def settle(self, guess: Floats, b: Floats | None) -> Floats:
         """Return the equilibrium near a guess that has the prescribed displacements."""
@@ -208,8 +230,14 @@ def _follow(path: _Path, u: Floats, dt: float, steps: int, start: Equilibrium | 
         change = None if ahead is None else views[2]
         t, made_with = at(ticks), dt / 2**cuts
         memory = path.inverse.memory
-        return Equilibrium(t, count, made_with, views[0], views[1], work, initial, path.body, change, memory)
+        return Equilibrium(
+            *(t, count, made_with, views[0], views[1], work, initial, path.body, change, memory, dissipated),
+            None if breaking is None else tuple(breaking.state.broken),
+        )
 
+    breaking, dissipated = (path.body if isinstance(path.body, Breaking) else None), 0.0
+    if breaking is not None:
+        breaking.recall(None if start is None else start.broken)
     ahead: tuple[Floats, int] | None = None  # the last change, and over how many ticks
     if start is None:
         b = path.pull(0.0)
@@ -222,7 +250,7 @@ def _follow(path: _Path, u: Floats, dt: float, steps: int, start: Equilibrium | 
         if abs(at(ticks) - start.t) > 1e-9 * dt or not 0 <= cuts <= CUTS or dt / 2**cuts != start.dt:
             raise ValueError(f"steps of {dt}: the equilibrium to start from is at t = {start.t:g}, after {start.dt}")
         u, held, count = start.u.copy(), start.reaction.copy(), start.step
-        work, initial, b = start.work, start.initial, path.pull(start.t)
+        work, initial, b, dissipated = start.work, start.initial, path.pull(start.t), start.dissipated
         ahead = None if start.change is None else (start.change.copy(), whole >> cuts)
         path.inverse.recall(start.memory)
     now = equilibrium()
@@ -245,6 +273,9 @@ def _follow(path: _Path, u: Floats, dt: float, steps: int, start: Equilibrium | 
             path.place(t1, guess)
             try:
                 found = path.settle(guess, b1)
+                if breaking is not None:
+                    found, lost = path.let_break(breaking, found, b1)
+                    dissipated += lost
                 break
             except NotConverged as error:
                 if cuts == CUTS:

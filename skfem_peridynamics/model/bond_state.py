@@ -1,0 +1,138 @@
+"""Bonds that break for good: the one kind of body that remembers what it has been through."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .._types import Floats, Longs
+from .kernels import Block
+from .peridynamics import Peridynamics
+
+
+@dataclass(eq=False)
+class BondState:
+    """What has happened to the bonds of a body.
+
+    ``broken`` lists, for each block, the numbers of its broken bonds in order; ``lost`` (nsamples,) counts them by
+    their ends; ``released`` is what those that broke last had pulled with, as a nodal vector, None if none did, and
+    ``energy`` what they had stored.
+    """
+
+    broken: list[Longs]
+    lost: Floats
+    released: Floats | None = None
+    energy: float = 0.0
+
+    @property
+    def count(self) -> int:
+        """The number of broken bonds."""
+        return sum(map(len, self.broken))
+
+
+@dataclass(frozen=True, eq=False)
+class Breaking(Peridynamics):
+    """A body whose bonds break for good when their strain passes ``at`` times the critical one, ``S_c``.
+
+    Without it, as in the paper, bonds that have softened are whole again when they close. The operators are those of
+    the bonds that are left; schemes call :meth:`force_and_break` once a step, which is the only thing that breaks
+    bonds. ``with_`` returns a body that is whole. With ball rules it computes by sparse products.
+
+    A bond that breaks at once when it softens, ``at=1``, has 39 % (exponential law) of the energy that the paper's law
+    takes to open it fully: the measured toughness of a body is lower by as much (docs/model.md).
+
+    Raises ``ValueError`` for ``at`` below 1, for a law without critical strain, and for one-sided rules.
+
+    >>> import skfem
+    >>> from skfem_peridynamics import BondBasis, Exponential
+    >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 5)), skfem.ElementVector(skfem.ElementLineP1()))
+    >>> body = Breaking(BondBasis(basis, horizon=0.25), Exponential(slope=1.0, limit=1.0), at=2.0)
+    >>> body.force_and_break(np.array([0.0, 0.0, 0.0, 5.0, 5.0])).tolist()
+    [0.0, 0.0, 0.0, 0.0, 0.0]
+    >>> body.state.count, body.energy(np.array([0.0, 0.0, 0.0, 0.1, 0.1]))       # the two halves are free for ever
+    (1, 0.0)
+    """
+
+    at: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.at) and self.at >= 1.0):
+            raise ValueError(f"at = {self.at}: bonds break at 1 or more times their critical strain")
+        if not self.symmetric:
+            raise ValueError(f"rule = {self.bonds.rule.name}: bonds that break need a symmetric rule")
+        if not any(np.isfinite(law.inflection) for law in self.laws):
+            raise ValueError("a linear law has no critical strain at which its bonds could break")
+
+    @property
+    def compiles(self) -> bool:
+        return self.bonds.samples.at_vertices and not self.bonds.rule.name.startswith("ball") and super().compiles
+
+    @cached_property
+    def whole(self) -> Peridynamics:
+        """The body before any bond broke, of the paper's law."""
+        return Peridynamics(self.bonds, self.material, self.no_fail, self.threads, self.matrix_memory, self.compiled)
+
+    @cached_property
+    def blocks(self) -> list[Block]:
+        """The bonds in computing form; their measures are this body's own, and 0 where a bond is broken."""
+        return [block.owned() for block in super().blocks]
+
+    @cached_property
+    def state(self) -> BondState:
+        """What has happened to the bonds so far."""
+        return self._whole()
+
+    @property
+    def lost(self) -> Floats:
+        """How many bonds each sample has lost, (nsamples,)."""
+        return self.state.lost
+
+    def force_and_break(self, u: Floats) -> Floats:
+        """Break the bonds that are beyond their limit at u; return the force of the others, (N,)."""
+        u = self._vector(u)
+        F, broken = self.engine.break_and_force(u, self.at)
+        self.state.released, self.state.energy = None, 0.0
+        if broken:
+            self._note(u, broken)
+        return F
+
+    def _note(self, u: Floats, broken: Sequence[tuple[Block, Longs]]) -> None:
+        samples, dim = self.bonds.samples, self.bonds.dim
+        number = {id(block): k for k, block in enumerate(self.blocks)}
+        pull, v = np.zeros((samples.nsamples, dim)), self.inward(u)
+        for block, which in broken:
+            self._count(number[id(block)], which)
+            some = block.some(which)
+            pull[some.window] += some.force(v)
+            self.state.energy += some.energy(v)
+        self.state.released = samples.spread(pull).ravel()
+
+    def _count(self, k: int, which: Longs) -> None:
+        state = self.state
+        state.broken[k] = np.concatenate([state.broken[k], which])
+        some = self.blocks[k].some(which)
+        state.lost[some.window] += some.incidence(1.0).T @ np.ones(len(which))
+
+    def recall(self, broken: Sequence[Longs] | None) -> None:
+        """Break the listed bonds, block by block: the state of an earlier run. Raises ``ValueError`` if none fit."""
+        broken = self._whole().broken if broken is None else broken
+        fits = len(broken) == len(self.blocks) and all(
+            len(one) == 0 or (0 <= one.min() <= one.max() < len(block.k) and len(np.unique(one)) == len(one))
+            for one, block in zip(broken, self.blocks, strict=True)
+        )
+        if not fits:
+            raise ValueError("the broken bonds of the state to start from are not bonds of this body")
+        for block, known in zip(self.blocks, self.state.broken, strict=True):
+            known = np.sort(known)
+            block.k[known] = block.some(known).k
+        self.__dict__["state"] = self._whole()
+        for k, one in enumerate(broken):
+            if len(one):
+                self._count(k, np.asarray(one, dtype=np.int64))
+                self.blocks[k].k[one] = 0.0
+
+    def _whole(self) -> BondState:
+        return BondState([np.zeros(0, dtype=np.int64) for _ in self.blocks], np.zeros(self.bonds.samples.nsamples))
