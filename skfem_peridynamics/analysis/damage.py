@@ -18,13 +18,15 @@ _USED = 1e-9  # P1 values below this are round-off: the bond does not use the ve
 class Census:
     """Bonds counted over the whole body: the largest ``Z = |S| / S_c``, softened bonds, and where the energy sits.
 
-    Bonds that are ``broken`` for good are counted apart.
+    ``area`` is that of the flat crack (its length in 2D) that cuts as many bonds as have softened or are broken; those
+    ``broken`` for good are counted apart.
     """
 
     Z: float
     softened: int
     energy_intact: float
     energy_softened: float
+    area: float = 0.0
     broken: int = 0
 
     @property
@@ -60,17 +62,18 @@ def census(body: Peridynamics, u: Floats) -> Census:
     (1, 0.0, 0.5)
     """
 
-    def look(block: Block, T: Floats) -> tuple[float, int, float, float]:
+    def look(block: Block, T: Floats) -> tuple[float, int, float, float, float]:
         energy = block.law.energy(T)
         energy *= block.k
         Z = block.law.severity(T)
         Z *= block.k > 0.0  # a bond of zero measure is none
         largest = float(Z.max(initial=0.0))
         soft = np.flatnonzero(Z > 1.0) if largest > 1.0 else ()
-        lost = float(energy[soft].sum()) if len(soft) else 0.0
+        lost, cut = 0.0, 0.0
         if len(soft):
+            lost, cut = float(energy[soft].sum()), float(block.k[soft].sum())
             energy[soft] = 0.0
-        return largest, len(soft), float(energy.sum()), lost
+        return largest, len(soft), float(energy.sum()), lost, cut
 
     rows = list(body.each_block(u, look))
     return Census(
@@ -78,6 +81,7 @@ def census(body: Peridynamics, u: Floats) -> Census:
         sum(row[1] for row in rows),
         sum(row[2] for row in rows),
         sum(row[3] for row in rows),
+        (sum(row[4] for row in rows) + (body.cut if isinstance(body, Breaking) else 0.0)) / body.crossing,
         body.state.count if isinstance(body, Breaking) else 0,
     )
 

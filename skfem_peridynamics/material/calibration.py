@@ -31,6 +31,15 @@ _STATES = {
 }
 
 
+def crossing(dim: int, moment: float) -> float:
+    """Return ``G_c / f_inf``: what a unit area of crack cuts of the measures of bonds (paper, section 2.1).
+
+    >>> round(crossing(2, 1 / 3), 6)                            # 4 / pi M_2
+    0.424413
+    """
+    return 2.0 * UNIT_BALL[dim - 1] / UNIT_BALL[dim] * moment
+
+
 def state(dim: int, plane: str | None) -> tuple[float, float | None]:
     """Return ``(lambda / E, nu)`` of a bond-based law in that dimension and plane state.
 
@@ -179,8 +188,7 @@ class Material:
                 raise ValueError(f"K_Ic = {self.K_Ic} has no meaning in 1D; give toughness")
             young = lame / ratio
             toughness = self.K_Ic**2 / (young if self.plane == "stress" else young / (1.0 - nu**2))
-        spread = 2 * UNIT_BALL[dim - 1] / UNIT_BALL[dim] * crack_moment
-        limit = float("inf") if toughness is None else toughness / spread
+        limit = float("inf") if toughness is None else toughness / crossing(dim, crack_moment)
         return self.shaped(slope, limit)
 
     def shaped(self, slope: float, limit: float) -> Potential:
@@ -198,5 +206,5 @@ class Material:
         """
         ratio, nu = state(dim, self.plane)
         lame = FACTOR["physical"][dim] * law.slope * moment
-        toughness = 2 * UNIT_BALL[dim - 1] / UNIT_BALL[dim] * law.limit * (crack_moment or moment)
+        toughness = law.limit * crossing(dim, crack_moment or moment)
         return Elastic(lame, lame / ratio, nu, toughness, self.density)

@@ -90,6 +90,12 @@ class Breaking(Peridynamics):
         """How many bonds each sample has lost, (nsamples,)."""
         return self.state.lost
 
+    @property
+    def cut(self) -> float:
+        """The measures that the broken bonds had, summed."""
+        parts = [block.some(np.sort(one)).k.sum() for block, one in zip(self.blocks, self.state.broken, strict=True)]
+        return float(sum(parts))
+
     def force_and_break(self, u: Floats) -> Floats:
         """Break the bonds that are beyond their limit at u; return the force of the others, (N,)."""
         u = self._vector(u)

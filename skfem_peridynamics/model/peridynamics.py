@@ -16,7 +16,7 @@ from scipy.sparse.linalg import LinearOperator
 from .._compile import available
 from .._types import Csr, Floats, Longs
 from ..bonds.bond_basis import BondBasis
-from ..material.calibration import Elastic, Material
+from ..material.calibration import Elastic, Material, crossing
 from ..material.composite import Composite
 from ..material.potential import Linear, Potential
 from .allotment import allot
@@ -104,6 +104,11 @@ class Peridynamics:
         if not isinstance(self.material, Potential) and self.material.calibrate == "discrete":
             return self.bonds.discrete_moments
         return self.bonds.moment, self.bonds.moment
+
+    @property
+    def crossing(self) -> float:
+        """What a unit area of crack cuts of the measures of bonds, which is ``G_c / f_inf``."""
+        return crossing(self.bonds.dim, self._moments[1])
 
     @property
     def elastic(self) -> Elastic:

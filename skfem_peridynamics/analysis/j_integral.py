@@ -1,0 +1,88 @@
+"""The J-integral about a crack tip: the energy that flows into it, as an integral over a ring around it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .._types import Floats
+from ..geometry.simplices import describe_point, element_volumes
+from ..material.composite import Composite
+from ..model.peridynamics import Peridynamics
+from .stress import gradients
+
+
+def j_integral(
+    body: Peridynamics,
+    u: Floats,
+    tip: npt.ArrayLike,
+    direction: npt.ArrayLike,
+    radius: float,
+    inner: float | None = None,
+    v: Floats | None = None,
+    a: Floats | None = None,
+) -> float:
+    """Return the energy release rate of a crack with this tip that grows in this direction, in 2D.
+
+    It is the domain form of Rice's integral with the stress of the strains (Hooke's, lambda = mu),
+    ``int (sigma_ij u_i,1 - W delta_1j) q_,j``; q falls from 1 at ``inner`` (half the radius) to 0 at ``radius``. With
+    velocity and acceleration the kinetic terms of a moving body are added. In the ring the body is taken for a local,
+    linear one, so ``inner`` must be at least a horizon; what is left is of order ``(eps/inner)^2``. Half of the ring
+    lies on each side of the crack, whose faces must be free of load there.
+
+    Raises ``ValueError`` for a body that is not in 2D, a bare potential, and a ring too small or beyond the body.
+    """
+    mesh, dim = body.bonds.mesh, body.bonds.dim
+    if dim != 2:
+        raise ValueError(f"the J-integral is computed in 2D; the body has {dim} dimensions")
+    tip, along = np.asarray(tip, dtype=float), np.asarray(direction, dtype=float)
+    along = along / np.linalg.norm(along)
+    inner = 0.5 * radius if inner is None else inner
+    if not body.bonds.horizon * (1.0 - 1e-9) <= inner < radius:
+        raise ValueError(
+            f"radius = {radius:g} with inner = {inner:g}: the ring must begin a horizon, {body.bonds.horizon:g}, from "
+            "the tip or farther, where strains are those of a local body"
+        )
+    gap = np.linalg.norm(mesh.p - tip[:, None], axis=0)
+    q = np.clip((radius - gap) / (radius - inner), 0.0, 1.0)
+    some = np.flatnonzero(q[mesh.t].max(axis=0) > 0.0)
+    if not len(some) or not (q[mesh.t[:, some]] > 0.999).any():
+        raise ValueError(f"the ring of radius {radius:g} about {describe_point(tip)} holds no elements of the body")
+    part = mesh.restrict(some)
+    vertices = np.unique(mesh.t[:, some])
+    lame, density = (one[some] for one in _constants(body))
+    dofs = (2 * vertices[:, None] + np.arange(2)).ravel()
+    G = gradients(part, u[dofs])
+    strain = 0.5 * (G + np.swapaxes(G, 1, 2))
+    stress = lame[:, None, None] * (np.trace(strain, axis1=1, axis2=2)[:, None, None] * np.eye(2) + 2.0 * strain)
+    W = 0.5 * np.einsum("nij,nij->n", stress, strain)
+    volume = element_volumes(part)
+    dq = gradients(part, np.repeat(q[vertices], 2))[:, 0]
+    moving = G @ along
+    if v is not None:
+        speed = v[dofs].reshape(-1, 2)[part.t].mean(axis=0)
+        W = W + 0.5 * density * (speed**2).sum(axis=1)
+    flow = np.einsum("nij,ni,nj->n", stress, moving, dq) - W * (dq @ along)
+    if v is not None and a is not None:
+        push = a[dofs].reshape(-1, 2)[part.t].mean(axis=0)
+        change = gradients(part, v[dofs]) @ along
+        share = q[vertices][part.t].mean(axis=0)
+        flow += density * share * ((push * moving).sum(axis=1) - (speed * change).sum(axis=1))
+    return float(volume @ flow)
+
+
+def _constants(body: Peridynamics) -> tuple[Floats, Floats]:
+    """Lamé constant and density of each element."""
+    material: Any = body.material
+    mesh, dim = body.bonds.mesh, body.bonds.dim
+    if not hasattr(material, "laws") and not hasattr(material, "elastic"):
+        raise ValueError("material is a bare potential; the J-integral needs a Material")
+    moments = body._moments
+    if isinstance(material, Composite):
+        each = [one.elastic(law, dim, *moments) for one, law in zip(material.materials, body.laws, strict=True)]
+        member = material.member_of(mesh)
+    else:
+        each, member = [body.elastic], np.zeros(int(mesh.nelements), dtype=np.int64)
+    return np.array([one.lame for one in each])[member], np.array([one.density for one in each])[member]

@@ -1,0 +1,88 @@
+"""Strain and stress at the vertices."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .._types import Basis, Floats, Mesh
+from ..geometry.simplices import element_volumes, vertex_volumes
+from ..model.kernels import Block
+from ..model.peridynamics import Peridynamics
+
+
+def gradients(mesh: Mesh, u: Floats) -> Floats:
+    """Return the displacement gradient of each element, ``du_i / dx_j``, (nelements, dim, dim).
+
+    >>> import skfem
+    >>> mesh = skfem.MeshTri()
+    >>> gradients(mesh, np.stack([2 * mesh.p[1], 0 * mesh.p[0]], axis=1).ravel())[0].tolist()
+    [[0.0, 2.0], [0.0, 0.0]]
+    """
+    dim = int(mesh.dim())
+    x, v = mesh.p.T[mesh.t.T], u.reshape(-1, dim)[mesh.t.T]
+    edges, moved = x[:, 1:] - x[:, :1], v[:, 1:] - v[:, :1]
+    return np.asarray(np.swapaxes(np.linalg.solve(edges, moved), 1, 2), dtype=float) + 0.0
+
+
+def strain(basis: Basis, u: Floats) -> Floats:
+    """Return the strain at the vertices, the mean of the elements there by volume, (nvertices, dim, dim).
+
+    >>> import skfem
+    >>> basis = skfem.Basis(skfem.MeshTri().refined(1), skfem.ElementVector(skfem.ElementTriP1()))
+    >>> strain(basis, basis.project(lambda x: np.array([0.2 * x[0], 0.1 * x[0]])))[0].round(12).tolist()
+    [[0.2, 0.05], [0.05, 0.0]]
+    """
+    mesh = basis.mesh
+    dim, volume = int(mesh.dim()), element_volumes(mesh)
+    G = gradients(mesh, u)
+    each = (0.5 * (G + np.swapaxes(G, 1, 2))).reshape(len(G), -1) * volume[:, None]
+    total = np.zeros((int(mesh.nvertices), dim * dim))
+    for corner in mesh.t:
+        np.add.at(total, corner, each)
+    around = np.bincount(mesh.t.ravel(), np.tile(volume, len(mesh.t)), int(mesh.nvertices))
+    return (total / around[:, None]).reshape(-1, dim, dim)
+
+
+def stress(body: Peridynamics, u: Floats) -> Floats:
+    """Return the stress at the vertices that the bonds carry, ``1/(2 V) sum p xi^T``, (nvertices, dim, dim).
+
+    p is what the bond pulls with, half of each bond counts at either end: the partial stress of Lehoucq and Silling
+    (2008). Inside a body under a uniform strain it is Hooke's; broken bonds carry nothing, and within a horizon of
+    the surface there are fewer of them. Summed with the volumes it is the virial, minus ``sum F x^T``.
+
+    >>> import skfem
+    >>> from skfem_peridynamics import BondBasis, Linear
+    >>> grid = np.linspace(0, 1, 21)
+    >>> basis = skfem.Basis(skfem.MeshTri.init_tensor(grid, grid), skfem.ElementVector(skfem.ElementTriP1()))
+    >>> body = Peridynamics(BondBasis(basis, horizon=0.2), Linear(slope=6.0))         # lambda = mu = 1
+    >>> u = basis.project(lambda x: np.array([0.1 * x[0], 0 * x[0]]))
+    >>> stress(body, u)[(abs(basis.mesh.p.T - 0.5) < 0.01).all(axis=1)].round(2).tolist()
+    [[[0.3, 0.0], [0.0, 0.1]]]
+    """
+    samples, dim = body.bonds.samples, body.bonds.dim
+    total = np.zeros((samples.nsamples, dim * dim))
+
+    def look(block: Block, T: Floats) -> tuple[slice, Floats]:
+        p = block.directions()  # e / sqrt(r)
+        xi = block.part.vectors() if block.which is None else block.part.vectors()[block.which]
+        pull = (block.k * block.law.gradient(T))[:, None] * p
+        each = (pull[:, :, None] * xi[:, None, :]).reshape(len(T), -1)
+        made: Floats = block.incidence(1.0).T @ each
+        return block.window, made
+
+    for window, made in body.each_block(u, look):
+        total[window] += made
+    volume = vertex_volumes(body.bonds.mesh)
+    return 0.5 * samples.spread(total).reshape(-1, dim, dim) / volume[:, None, None]
+
+
+def voigt(tensors: Floats) -> Floats:
+    """Return symmetric tensors (n, dim, dim) as ParaView takes them, (n, 6): xx, yy, zz, xy, yz, xz.
+
+    >>> voigt(np.array([[[1.0, 2.0], [2.0, 3.0]]])).tolist()
+    [[1.0, 3.0, 0.0, 2.0, 0.0, 0.0]]
+    """
+    dim = tensors.shape[1]
+    full = np.zeros((len(tensors), 3, 3))
+    full[:, :dim, :dim] = tensors
+    return full[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
