@@ -66,7 +66,10 @@ def test_history_balances_and_has_no_clock(finished):
         rows = list(csv.DictReader(file))
     assert len(rows) == 5
     assert not {"seconds", "time", "date", "rate"} & set(rows[0])
-    assert " ".join(rows[0]) == "t step kinetic intact softened total work imbalance softened_bonds largest_Z"
+    assert " ".join(rows[0]) == (
+        "t step kinetic intact softened total work imbalance softened_bonds largest_Z "
+        "crack_length crack_reach crack_area tips tip_x tip_y reaction_left_x reaction_left_y"
+    )
     assert [int(row["step"]) for row in rows][0::4] == [0, summary["steps"]]
     v = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
     assert v["total"] == pytest.approx(v["kinetic"] + v["intact"] + v["softened"], rel=1e-14)
@@ -221,7 +224,7 @@ def test_groups_of_a_gmsh_like_file_are_names(tmp_path):
 
 def test_frames_refuse_fields_of_another_length(tmp_path):
     frames = Frames(tmp_path, vector_basis(skfem.MeshTri()))
-    with pytest.raises(ValueError, match=r"field 'Z' has shape \(3,\); it needs \(4,\) or \(8,\)"):
+    with pytest.raises(ValueError, match=r"field 'Z' has shape \(3,\); it needs \(4,\), \(8,\) or \(4, 6\)"):
         frames.write(0.0, Z=np.zeros(3))
     assert not list(tmp_path.glob("*.vtu*"))
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from .._types import Floats
+from .._types import Floats, Longs
 from ..model.bond_state import Breaking
 from ..model.kernels import Block
 from ..model.peridynamics import Peridynamics
@@ -19,7 +19,7 @@ class Census:
     """Bonds counted over the whole body: the largest ``Z = |S| / S_c``, softened bonds, and where the energy sits.
 
     ``area`` is that of the flat crack (its length in 2D) that cuts as many bonds as have softened or are broken; those
-    ``broken`` for good are counted apart.
+    ``broken`` for good are counted apart. ``soft`` lists the softened ones of each block.
     """
 
     Z: float
@@ -28,6 +28,7 @@ class Census:
     energy_softened: float
     area: float = 0.0
     broken: int = 0
+    soft: tuple[Longs, ...] = field(repr=False, default=())
 
     @property
     def elastic(self) -> float:
@@ -62,28 +63,60 @@ def census(body: Peridynamics, u: Floats) -> Census:
     (1, 0.0, 0.5)
     """
 
-    def look(block: Block, T: Floats) -> tuple[float, int, float, float, float]:
+    def look(block: Block, T: Floats) -> tuple[float, Longs, float, float, float]:
         energy = block.law.energy(T)
         energy *= block.k
         Z = block.law.severity(T)
         Z *= block.k > 0.0  # a bond of zero measure is none
         largest = float(Z.max(initial=0.0))
-        soft = np.flatnonzero(Z > 1.0) if largest > 1.0 else ()
+        soft = np.flatnonzero(Z > 1.0) if largest > 1.0 else np.zeros(0, dtype=np.int64)
         lost, cut = 0.0, 0.0
         if len(soft):
             lost, cut = float(energy[soft].sum()), float(block.k[soft].sum())
             energy[soft] = 0.0
-        return largest, len(soft), float(energy.sum()), lost, cut
+        return largest, soft, float(energy.sum()), lost, cut
 
     rows = list(body.each_block(u, look))
     return Census(
         max((row[0] for row in rows), default=0.0),
-        sum(row[1] for row in rows),
+        sum(len(row[1]) for row in rows),
         sum(row[2] for row in rows),
         sum(row[3] for row in rows),
         (sum(row[4] for row in rows) + (body.cut if isinstance(body, Breaking) else 0.0)) / body.crossing,
         body.state.count if isinstance(body, Breaking) else 0,
+        tuple(row[1] for row in rows),
     )
+
+
+class Intact:
+    """What is left of the bonds of the vertices, from a census: the cost is that of the bonds that have softened.
+
+    >>> import skfem
+    >>> from skfem_peridynamics import BondBasis, Exponential
+    >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 5)), skfem.ElementVector(skfem.ElementLineP1()))
+    >>> body = Peridynamics(BondBasis(basis, horizon=0.25), Exponential(slope=1.0, limit=1.0))
+    >>> Intact(body).after(census(body, np.array([0.0, 0.0, 0.0, 5.0, 5.0]))).tolist()
+    [1.0, 1.0, 0.5, 0.5, 1.0]
+    """
+
+    def __init__(self, body: Peridynamics) -> None:
+        self.body = body
+        whole = body.whole
+        every = np.zeros(whole.bonds.samples.nsamples)
+        for block in whole.blocks:
+            every[block.window] += block.incidence(1.0).T @ (block.k > 0.0).astype(float)
+        self.every = np.maximum(whole.bonds.samples.spread(every), np.finfo(float).tiny)
+
+    def after(self, count: Census) -> Floats:
+        """Return the fraction of each vertex's bonds that have neither softened nor broken, (nvertices,)."""
+        body = self.body
+        gone = body.lost.copy() if isinstance(body, Breaking) else np.zeros(body.bonds.samples.nsamples)
+        for block, soft in zip(body.blocks, count.soft, strict=True):
+            if len(soft):
+                some = block.some(soft)
+                gone[some.window] += some.incidence(1.0).T @ np.ones(len(soft))
+        intact: Floats = 1.0 - body.bonds.samples.spread(gone) / self.every
+        return intact
 
 
 def damage(body: Peridynamics, u: Floats) -> Damage:

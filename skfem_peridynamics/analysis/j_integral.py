@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .._types import Floats
-from ..geometry.simplices import describe_point, element_volumes
+from .._types import Floats, Mesh
+from ..geometry.simplices import describe_point, element_volumes, outward_normals
 from ..material.composite import Composite
 from ..model.peridynamics import Peridynamics
 from .stress import gradients
@@ -32,7 +32,8 @@ def j_integral(
     linear one, so ``inner`` must be at least a horizon; what is left is of order ``(eps/inner)^2``. Half of the ring
     lies on each side of the crack, whose faces must be free of load there.
 
-    Raises ``ValueError`` for a body that is not in 2D, a bare potential, and a ring too small or beyond the body.
+    Raises ``ValueError`` for a body that is not in 2D, a bare potential, and a ring that is too small or reaches the
+    boundary of the body.
     """
     mesh, dim = body.bonds.mesh, body.bonds.dim
     if dim != 2:
@@ -50,6 +51,7 @@ def j_integral(
     some = np.flatnonzero(q[mesh.t].max(axis=0) > 0.0)
     if not len(some) or not (q[mesh.t[:, some]] > 0.999).any():
         raise ValueError(f"the ring of radius {radius:g} about {describe_point(tip)} holds no elements of the body")
+    _check_ring(mesh, q, along)
     part = mesh.restrict(some)
     vertices = np.unique(mesh.t[:, some])
     lame, density = (one[some] for one in _constants(body))
@@ -71,6 +73,20 @@ def j_integral(
         share = q[vertices][part.t].mean(axis=0)
         flow += density * share * ((push * moving).sum(axis=1) - (speed * change).sum(axis=1))
     return float(volume @ flow)
+
+
+def _check_ring(mesh: Mesh, q: Floats, along: Floats) -> None:
+    """Raise ``ValueError`` where the ring reaches a boundary across the direction of the crack, unless it is a slit."""
+    slit = np.asarray((mesh.boundaries or {}).get("slit", []), dtype=np.int64)
+    facets = np.setdiff1d(mesh.boundary_facets(), slit)
+    facets = facets[q[mesh.facets[:, facets]].min(axis=0) > 0.0]
+    if len(facets):
+        normal, _ = outward_normals(mesh, facets)
+        across = np.abs(along @ normal)
+        worst = int(across.argmax())
+        if across[worst] > 0.05:
+            where = describe_point(mesh.p[:, mesh.facets[:, facets[worst]]].mean(axis=1))
+            raise ValueError(f"the ring reaches the boundary of the body at {where}: take a smaller radius")
 
 
 def _constants(body: Peridynamics) -> tuple[Floats, Floats]:

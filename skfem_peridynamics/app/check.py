@@ -31,7 +31,7 @@ def check(scene: Scene) -> list[tuple[str, str]]:
     """
     problem = Problem(scene)
     dim, time = problem.mesh.dim(), scene.time
-    for part in ("load", "fixed", "u0", "v0"):
+    for part in ("load", "fixed", "u0", "v0", "measures"):
         getattr(problem, part)
     for k, table in enumerate(scene.no_fail):
         problem.vertices(table, f"no_fail[{k}]")

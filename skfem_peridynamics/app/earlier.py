@@ -18,7 +18,7 @@ from .build import Problem
 from .checkpoint import Checkpoint, DamagedCheckpoint, latest
 from .identity import differences
 from .reading import LARGEST, SceneError
-from .record import COLUMNS
+from .record import columns
 
 _log = logging.getLogger("skfem_peridynamics")
 WORTH_KEEPING = 60.0  # seconds of a run that another does not throw away unasked
@@ -97,7 +97,7 @@ def go_on(checkpoint: Checkpoint, problem: Problem, clock: Clock, watch: Watch) 
         vectors = [getattr(state, name, None) for name in ("u", "v", "a", "reaction", "change")]
         vectors += [state.memory.tangent] if state.memory is not None else []
         whole = all(x is None or (len(x) == size and bool((np.abs(x) <= LARGEST).all())) for x in vectors)
-        if not whole or any(len(row) != len(COLUMNS) for row in checkpoint.rows):
+        if not whole or any(len(row) != len(columns(problem)) for row in checkpoint.rows):
             raise ValueError("its vectors or rows do not fit the body")
         clock.add({str(name): float(value) for name, value in facts["seconds"].items()})
         watch.peak = float(facts["peak"])

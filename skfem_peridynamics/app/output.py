@@ -12,12 +12,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import quoteattr
+from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
 from .._types import Basis, Floats
 from .files import OutputError, aside, write_all, write_whole
+from .units import KNOWN, UnitsTable
 
 _FRAME = re.compile(r"frame_(\d{4,})\.vtu(\.part)?")
 _CELLS = {1: "line", 2: "triangle", 3: "tetra"}
@@ -65,9 +66,10 @@ def frame_name(number: int) -> str:
 class Frames:
     """Write fields at vertices as ``frame_0000.vtu, ...`` and ``frames.pvd`` into a folder.
 
-    Vectors (N,) of the basis get three components, as ParaView likes them; scalars are (nvertices,). Fields are in
-    single precision, compressed. Frames that an earlier run left there are removed first, but those of ``times``, which
-    are continued. Raises ``OutputError`` where a file cannot be written.
+    Vectors (N,) of the basis get three components, as ParaView likes them; scalars are (nvertices,), symmetric tensors
+    (nvertices, 6): xx, yy, zz, xy, yz, xz. Each known field carries its unit, in words of ``units``. Fields are in
+    single precision, compressed. Frames that an earlier run left there are removed first, but those of ``times``,
+    which are continued. Raises ``OutputError`` where a file cannot be written.
 
     >>> import tempfile, skfem
     >>> basis = skfem.Basis(skfem.MeshTri(), skfem.ElementVector(skfem.ElementTriP1()))
@@ -79,6 +81,7 @@ class Frames:
     folder: str | Path
     basis: Basis
     times: list[float] = field(default_factory=list)
+    units: UnitsTable = field(default_factory=UnitsTable)
 
     def __post_init__(self) -> None:
         self.folder = Path(self.folder)
@@ -98,17 +101,29 @@ class Frames:
             values = np.asarray(values)
             if values.shape == (n * dim,) and (dim > 1 or name in ("displacement", "velocity")):
                 values = np.pad(values.reshape(n, dim), ((0, 0), (0, 3 - dim)))
-            elif values.shape != (n,):
-                raise ValueError(f"field {name!r} has shape {values.shape}; it needs ({n},) or ({n * dim},)")
+            elif values.shape not in ((n,), (n, 6)):
+                raise ValueError(f"field {name!r} has shape {values.shape}; it needs ({n},), ({n * dim},) or ({n}, 6)")
             data[name] = _single(values)
         points = np.pad(mesh.p.T, ((0, 0), (0, 3 - dim)))
         path = Path(self.folder) / frame_name(len(self.times))
         cells = [(_CELLS[dim], np.ascontiguousarray(mesh.t.T, dtype=np.int32))]
         with aside(path) as part:
             meshio.Mesh(points, cells, point_data=data).write(part, file_format="vtu")
+            _note_units(part, {name: self.units.of(name) for name in data if name in KNOWN})
         self.times.append(t)
         list_frames(Path(self.folder), self.times)
         return path
+
+
+def _note_units(path: Path, units: dict[str, str]) -> None:
+    """Add its unit to each field, as the information key that VTK has for it, after the numbers."""
+    content = path.read_bytes()
+    for name, unit in units.items():
+        start = content.index(f'Name="{name}"'.encode())
+        end = content.index(b"</DataArray>", start)
+        note = f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{escape(unit)}</InformationKey>'
+        content = content[:end] + note.encode() + content[end:]
+    path.write_bytes(content)
 
 
 def _single(values: Floats) -> Floats:

@@ -135,6 +135,24 @@ def choice(*options: str) -> Callable[[Any, str], str]:
     return read
 
 
+def choices(*options: str) -> Callable[[Any, str], tuple[str, ...]]:
+    """An array of some of the options."""
+    one = choice(*options)
+
+    def read(value: Any, path: str) -> tuple[str, ...]:
+        if not isinstance(value, list):
+            raise SceneError(f"{path} = {value!r} must be an array of {', '.join(map(repr, options))}")
+        return tuple(one(entry, f"{path}[{k}]") for k, entry in enumerate(value))
+
+    return read
+
+
+def numbers(value: Any, path: str) -> tuple[float, ...]:
+    if not isinstance(value, list) or not value:
+        raise SceneError(f"{path} = {value!r} must be an array of numbers")
+    return tuple(number(entry, f"{path}[{k}]") for k, entry in enumerate(value))
+
+
 def rows(value: Any, path: str) -> tuple[tuple[float, ...], ...]:
     """An array of arrays of numbers, as long as each other."""
     if not isinstance(value, list) or not value or not all(isinstance(row, list) and row for row in value):

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..analysis.clock import Clock
 from ..analysis.damage import Census, census, damage
+from ..analysis.stress import strain, stress, voigt
 from ..solve.state import Energies, State
 from ..solve.static import Equilibrium
 from ..solve.watch import Watch
@@ -36,6 +37,11 @@ COLUMNS = (
     "softened_bonds",
     "largest_Z",
 )
+
+
+def columns(problem: Problem) -> tuple[str, ...]:
+    """Return the columns of the history of a problem."""
+    return COLUMNS + tuple(name for one in problem.measures for name in one.columns)
 
 
 class Marks:
@@ -92,8 +98,9 @@ class Record:
             clear(out, times)
         except OSError as error:
             raise OutputError(out, error) from error
-        self.history = History(out / "history.csv", COLUMNS, () if earlier is None else earlier.rows)
-        self.frames = Frames(out, problem.basis, times) if output.frames else None
+        self.measures = problem.measures
+        self.history = History(out / "history.csv", columns(problem), () if earlier is None else earlier.rows)
+        self.frames = Frames(out, problem.basis, times, problem.scene.units) if output.frames else None
         self.last = 0 if earlier is None else earlier.state.step
 
     def take(self, state: State | Equilibrium, now: int | None) -> None:
@@ -106,6 +113,8 @@ class Record:
                     self.watch.look(state, None if count is None else _energies(state, count))
                 if count is not None and now is not None:
                     entries = row_of(state, count)
+                    for one in self.measures:
+                        entries += one.read(state, count)
                     self.history.add(*entries)
                     self.progress.advance(now, entries[5], entries[9])
                 if frame:
@@ -123,9 +132,15 @@ class Record:
 
     def _frame(self, state: State | Equilibrium) -> None:
         assert self.frames is not None
-        hurt = damage(self.problem.body, state.u)
-        velocity = {"velocity": state.v} if isinstance(state, State) else {}
-        self.frames.write(state.t, displacement=state.u, **velocity, intact=hurt.intact, Z=hurt.Z)
+        body, asked = self.problem.body, self.problem.scene.output.fields
+        hurt = damage(body, state.u)
+        fields = {"displacement": state.u} | ({"velocity": state.v} if isinstance(state, State) else {})
+        fields |= {"intact": hurt.intact, "Z": hurt.Z}
+        if "stress" in asked:
+            fields["stress"] = voigt(stress(body, state.u))
+        if "strain" in asked:
+            fields["strain"] = voigt(strain(self.problem.basis, state.u))
+        self.frames.write(state.t, **fields)
 
     def save(self, state: State | Equilibrium) -> bool:
         """Write a checkpoint; where that fails the run goes on, and says so. Return whether it was written."""

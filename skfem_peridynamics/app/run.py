@@ -13,6 +13,7 @@ from .._types import Floats
 from .._version import __version__
 from ..analysis.clock import Clock
 from ..analysis.damage import damage
+from ..model.bond_state import Breaking
 from ..model.rigidity import check_rigid
 from ..model.team import usable_cores
 from ..solve.newton import NotConverged
@@ -137,7 +138,7 @@ class _Run:
         problem, clock = self.problem, self.clock
         with clock.phase("setup"):
             parts = ("load", "fixed", "u0", "v0") + (() if self.scene.time.scheme == "static" else ("mass",))
-            for part in parts:
+            for part in (*parts, "measures"):
                 getattr(problem, part)
             self.blocks = len(problem.resting.blocks)
             with blame("bonds"):
@@ -146,6 +147,11 @@ class _Run:
             self.limit, self.dt = problem.limit if problem.explicit else None, problem.dt
         self.steps = round(self.scene.time.until / self.dt)
         start = None if self.earlier is None else self.earlier.state
+        if start is not None and isinstance(problem.body, Breaking):
+            try:
+                problem.body.recall(start.broken)
+            except ValueError as error:
+                raise SceneError(f"the checkpoint cannot be gone on with: {error}") from None
         with clock.phase("setup"):
             self.states: Iterator[Any] = march(problem, self.dt, start, self.watch)
         for note in notes(problem):

@@ -10,8 +10,24 @@ from pathlib import Path
 from typing import Any
 
 from .formula import Formula
-from .reading import Every, SceneError, choice, count, flag, interval, key, number, positive, table, tables, text
+from .reading import (
+    Every,
+    SceneError,
+    choice,
+    choices,
+    count,
+    flag,
+    interval,
+    key,
+    number,
+    numbers,
+    positive,
+    table,
+    tables,
+    text,
+)
 from .tables import BondsTable, CrackTable, InclusionTable, MaterialTable, MeshTable, formula, formulas
+from .units import UnitsTable
 
 SAFETY = 0.9  # of the stable limit
 
@@ -132,8 +148,31 @@ class TimeTable:
 
 
 @dataclass(frozen=True)
+class MeasureTable:
+    """``[measure]``: columns of the history besides the energies.
+
+    ``crack``: length, area, tips (by default where a body of two dimensions or three can break); ``j_integral``: the
+    radius of the ring about the tip; ``reactions``: forces by name of what is ``[[fixed]]`` (by default where it is).
+    """
+
+    crack: bool | None = key(flag, None)
+    j_integral: float | None = key(positive, None)
+    reactions: bool | None = key(flag, None)
+
+
+@dataclass(frozen=True)
+class ProbeTable:
+    """``[[probe]]``: displacement and velocity ``at`` a point of the body, under a ``name``."""
+
+    at: tuple[float, ...] = key(numbers)
+    name: str | None = key(text, None)
+
+
+@dataclass(frozen=True)
 class OutputTable:
     """``[output]``: number of ``frames`` and of ``history`` rows spread over the run; ``pictures``; checkpoints.
+
+    Frames hold displacement, velocity and damage, and what ``fields`` adds: ``"stress"``, ``"strain"``.
 
     Where ``pictures`` is not given they are drawn if matplotlib is installed. ``checkpoint_every`` is a number of
     steps, or a text like ``"30 s"``; 0 is never.
@@ -143,6 +182,7 @@ class OutputTable:
     history: int = key(count, 50)
     pictures: bool | None = key(flag, None)
     checkpoint_every: int | str = key(interval, "60 s")
+    fields: tuple[str, ...] = key(choices("stress", "strain"), ())
 
     @property
     def every(self) -> Every:
@@ -175,6 +215,9 @@ class Scene:
     load: tuple[LoadTable, ...] = key(tables(LoadTable), ())
     fixed: tuple[FixedTable, ...] = key(tables(FixedTable), ())
     initial: InitialTable = field(default=InitialTable(), metadata={"read": table(InitialTable)})
+    measure: MeasureTable = field(default=MeasureTable(), metadata={"read": table(MeasureTable)})
+    probe: tuple[ProbeTable, ...] = key(tables(ProbeTable), ())
+    units: UnitsTable = field(default=UnitsTable(), metadata={"read": table(UnitsTable)})
     output: OutputTable = field(default=OutputTable(), metadata={"read": table(OutputTable)})
     folder: Path = Path()  # not a key: where the scene was read from
 
