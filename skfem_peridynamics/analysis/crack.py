@@ -14,6 +14,7 @@ from .._types import Csr, Floats, Longs, Mesh
 CRACKED = 0.3  # of a vertex's bonds: the row beside a straight crack has lost 0.34 at eps/h = 2, 0.42 at 4, 0.46 at 8
 _BRANCH = 1.5  # horizons: what leaves the crack by less is its own width
 _MOST = 16  # branches followed
+WINDOW = 5  # rows of a history that the speed of a tip is the slope of
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +170,7 @@ def _pointing(x: Floats, before: Longs, tip: int, root: int, horizon: float) -> 
     return np.asarray(along / size if size > 0.0 else along, dtype=float)
 
 
-def speeds(t: Floats, reach: Floats, window: int = 5) -> Floats:
+def speeds(t: Floats, reach: Floats, window: int = WINDOW) -> Floats:
     """Return the speed of a tip, the slope of a straight line through ``window`` values about each time.
 
     >>> speeds(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 0.0, 2.0, 4.0]), window=3).tolist()

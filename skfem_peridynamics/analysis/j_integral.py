@@ -95,7 +95,7 @@ def _constants(body: Peridynamics) -> tuple[Floats, Floats]:
     mesh, dim = body.bonds.mesh, body.bonds.dim
     if not hasattr(material, "laws") and not hasattr(material, "elastic"):
         raise ValueError("material is a bare potential; the J-integral needs a Material")
-    moments = body._moments
+    moments = body.moments
     if isinstance(material, Composite):
         each = [one.elastic(law, dim, *moments) for one, law in zip(material.materials, body.laws, strict=True)]
         member = material.member_of(mesh)

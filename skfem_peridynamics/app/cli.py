@@ -32,6 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     again = run.add_mutually_exclusive_group()
     again.add_argument("--resume", action="store_true", help="go on from the last checkpoint, if there is one")
     again.add_argument("--restart", action="store_true", help="start over, whatever the folder holds")
+    run.add_argument("--report", action="store_true", help="write report.html: pictures, figures, how to run it again")
     run.add_argument("--quiet", action="store_true", help="no progress, no table at the end")
 
     cfl = commands.add_parser("cfl", help="the stable time step of a scene or of a mesh file")
@@ -56,6 +57,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     stability.add_argument("--quick", action="store_true", help="fewer and smaller cases: half a minute")
     stability.add_argument("--only", nargs="+", metavar="CASE", default=None, help="some of the cases, by name")
     stability.add_argument("--quiet", action="store_true", help="no line a verdict")
+
+    plot = commands.add_parser("plot", help="draw the pictures of a run again, from its files")
+    plot.add_argument("folder", type=Path, metavar="DIR")
+    plot.add_argument("--animate", action="store_true", help="an animation as well, animation.gif")
 
     check = commands.add_parser("check", help="read a scene and tell its size before anything runs")
     check.add_argument("scene", type=Path)
@@ -106,7 +111,9 @@ def _run(arguments: argparse.Namespace) -> int:
     if not arguments.quiet:
         print(f"{scene.title}: setting up", flush=True)
     resume = True if arguments.resume else False if arguments.restart else None
-    summary = run(scene, arguments.out, progress, with_estimate=arguments.estimate, resume=resume)
+    summary = run(
+        scene, arguments.out, progress, with_estimate=arguments.estimate, resume=resume, with_report=arguments.report
+    )
     if not arguments.quiet:
         seconds = summary["seconds"]
         parts = ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items())
@@ -121,7 +128,7 @@ def _run(arguments: argparse.Namespace) -> int:
                 ("time", f"{time.perf_counter() - begin:.1f} s ({parts})"),
                 ("per step", f"{1e3 * summary['seconds_per_step']:.2f} ms"),
                 ("memory", f"{summary['peak_memory_mb']:.0f} MB"),
-                ("written to", f"{arguments.out}"),
+                ("written to", f"{arguments.out}" + (", report.html" if arguments.report else "")),
             ]
         )
     return 0
@@ -247,6 +254,12 @@ def _check(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _plot(arguments: argparse.Namespace) -> int:
+    from .report_commands import plot
+
+    return plot(arguments)
+
+
 def _study(arguments: argparse.Namespace) -> int:
     from .report_commands import study
 
@@ -259,4 +272,4 @@ def _stability(arguments: argparse.Namespace) -> int:
     return stability(arguments)
 
 
-_COMMANDS = {"run": _run, "cfl": _cfl, "check": _check, "study": _study, "stability": _stability}
+_COMMANDS = {"run": _run, "cfl": _cfl, "check": _check, "plot": _plot, "study": _study, "stability": _stability}

@@ -35,6 +35,14 @@ def blame(path: str) -> Iterator[None]:
         raise SceneError(f"{path}: {error}") from None
 
 
+@contextlib.contextmanager
+def quietly(said: io.StringIO | None = None) -> Iterator[None]:
+    """Keep what is printed, for one thread at a time: two that take the output at once would not give it back."""
+    said = io.StringIO() if said is None else said
+    with _PRINTING, contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+        yield
+
+
 def read_mesh(path: Path, scale: float = 1.0, join: bool = False) -> Mesh:
     """Return the simplicial mesh in a file that meshio reads; its groups become boundaries and subdomains.
 
@@ -54,8 +62,7 @@ def read_mesh(path: Path, scale: float = 1.0, join: bool = False) -> Mesh:
         )
     said = io.StringIO()  # meshio prints its reasons
     try:
-        # the output is one for all threads: two that take it at once would not give it back
-        with _PRINTING, contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+        with quietly(said):
             content = read(path)
             _check_cells(content)
             raw = raw_mesh(content, scale)

@@ -22,7 +22,10 @@ from .units import KNOWN, UnitsTable
 
 _FRAME = re.compile(r"frame_(\d{4,})\.vtu(\.part)?")
 _CELLS = {1: "line", 2: "triangle", 3: "tetra"}
-_OTHERS = ("frames.pvd", "history.csv", "summary.json", "damage.png", "energies.png")
+_OTHERS = (
+    *("frames.pvd", "history.csv", "summary.json", "report.html", "animation.gif"),
+    *("damage.png", "course.png", "energies.png", "crack.png", "measures.png"),
+)
 
 
 def clear(folder: Path, times: Sequence[float] = ()) -> None:

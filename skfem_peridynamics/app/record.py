@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.clock import Clock
+from ..analysis.crack import WINDOW, speeds
 from ..analysis.damage import Census, census, damage
 from ..analysis.stress import strain, stress, voigt
 from ..solve.state import Energies, State
@@ -175,7 +176,20 @@ class Record:
             "energy_drift": float(np.max(np.abs(imbalance), initial=0.0)) / peak,
             "softened_bonds": int(rows[-1][8]) if rows else 0,
             "largest_Z": max((row[9] for row in rows), default=0.0),
+            **self._of_measures(),
         }
+
+    def _of_measures(self) -> dict[str, Any]:
+        """The last value of what was measured, and what follows from the crack's."""
+        history = self.history
+        if not history.rows:
+            return {}
+        out: dict[str, Any] = dict(zip(history.columns[len(COLUMNS) :], history.rows[-1][len(COLUMNS) :], strict=True))
+        if "crack_reach" in out:
+            out["largest_tip_speed"] = float(speeds(history.column("t"), history.column("crack_reach"), WINDOW).max())
+            energy = history.rows[-1][4] + out.get("dissipated", 0.0)
+            out["energy_per_crack_length"] = energy / out["crack_length"] if out["crack_length"] else None
+        return out
 
 
 def _energies(state: State, count: Census) -> Energies:

@@ -1,4 +1,4 @@
-"""The commands that write reports: ``study`` and ``stability``."""
+"""The commands that write reports and pictures: ``plot``, ``study`` and ``stability``."""
 
 from __future__ import annotations
 
@@ -8,6 +8,25 @@ from typing import Any
 
 from .reading import SceneError
 from .scene import Scene
+
+
+def plot(arguments: argparse.Namespace) -> int:
+    """Draw the pictures and the report of a run again; return the exit code."""
+    from . import plot as drawing
+
+    if not drawing.available():
+        raise SceneError('plot needs matplotlib: install the extra "plot"')
+    from .pictures import draw, draw_animation
+    from .report import write_report
+    from .results import Results
+
+    results = Results.read(arguments.folder)
+    names = draw(results, course=True)
+    if arguments.animate:
+        names.append(draw_animation(results))
+    names.append(write_report(arguments.folder).name)
+    print(f"{results.title}: {', '.join(names)} written to {arguments.folder}")
+    return 0
 
 
 def study(arguments: argparse.Namespace) -> int:

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .._types import Floats
 from .._version import __version__
 from ..analysis.clock import Clock
 from ..analysis.damage import damage
@@ -28,10 +27,14 @@ from .identity import identity
 from .march import march, notes
 from .memory import peak_memory_mb
 from .meshes import blame
-from .output import History, write_summary
+from .notes import keep_notes
+from .output import write_summary
+from .pictures import draw
 from .progress import Progress, Silent
 from .reading import SceneError
 from .record import Record
+from .report import write_report
+from .results import Results, Snapshot
 from .scene import Scene
 from .signals import Signals
 
@@ -46,6 +49,7 @@ def run(
     *,
     with_estimate: bool = False,
     resume: bool | None = None,
+    with_report: bool = False,
 ) -> dict[str, Any]:
     """Run a scene, write its files into ``out`` and return the summary.
 
@@ -54,6 +58,7 @@ def run(
     What an earlier run left there under these names is removed first, unless that is more than a minute of this very
     run, not finished: then say ``resume=True`` to go on with it or ``resume=False`` to start over. Going on gives the
     same bytes as one run would have; without a checkpoint it starts afresh, and what is finished stays as it is.
+    ``with_report`` writes ``report.html`` from the files at the end, also where the run breaks down.
 
     SIGINT, SIGTERM and SIGHUP, where the host does not handle them, end the run with a checkpoint after the step at
     hand (``Interrupted``, a ``KeyboardInterrupt``). Raises :class:`SceneError` for a scene that makes no sense, a
@@ -70,13 +75,31 @@ def run(
         signals = stack.enter_context(Signals())
         if out.is_dir():
             stack.enter_context(hold(out))
-        return _Run(scene, out, progress or Silent(), signals, stack).go(with_estimate, resume)
+        notes = stack.enter_context(keep_notes())
+        if with_report and not plot.available():
+            raise SceneError('a report needs matplotlib: install the extra "plot"')
+        one = _Run(scene, out, progress or Silent(), signals, stack, notes)
+        try:
+            return one.go(with_estimate, resume)
+        finally:
+            if with_report and one.ended:
+                write_report(out, one.snapshot())
 
 
 class _Run:
+    stopped: BaseException | None
+
     def __init__(
-        self, scene: Scene, out: Path, progress: Progress, signals: Signals, stack: contextlib.ExitStack
+        self,
+        scene: Scene,
+        out: Path,
+        progress: Progress,
+        signals: Signals,
+        stack: contextlib.ExitStack,
+        notes: list[str],
     ) -> None:
+        self.notes = notes
+        self.finished, self.stopped = False, None
         self.scene, self.out, self.progress, self.signals, self.stack = scene, out, progress, signals, stack
         self.clock = Clock("setup", "cfl", "steps", "output")
         self.problem = Problem(scene)
@@ -92,6 +115,7 @@ class _Run:
             self.who = identity(self.scene, self.problem.mesh)
         found = look_back(self.out, self.who, resume) if existed else None
         if isinstance(found, dict):
+            self.finished = True
             return found
         if found is not None:
             self.earlier = found
@@ -114,17 +138,19 @@ class _Run:
             self._step()
             if pictures:
                 with self.clock.phase("output"):
-                    _pictures(self.out, problem, self.state.u, self.record.history)
+                    draw(self._results(summary), last=self.snapshot())
             if with_estimate:
                 from .estimate import estimate
 
                 with self.clock.phase("estimate"):
                     summary |= estimate(problem)
             summary["status"] = "finished"
+            self.finished = True
         except FormulaError as error:  # a load or a motion that is no number at some later time
             summary["status"] = f"stopped: {error}"
             raise SceneError(str(error)) from None
         except BaseException as error:
+            self.stopped = error
             summary["status"] = f"stopped: {str(error) or type(error).__name__}"
             raise
         finally:
@@ -179,6 +205,7 @@ class _Run:
             "dt": self.dt,
             **({"dt_limit": self.limit.steps()} if self.limit is not None else {}),
             "steps": self.steps,
+            "elastic": _elastic(problem),
         }
 
     def _step(self) -> None:
@@ -204,6 +231,26 @@ class _Run:
         finally:
             signals.patient = False
 
+    @property
+    def ended(self) -> bool:
+        """Whether there is anything to report: a run that is finished, or has come to an end of its own."""
+        return self.finished or isinstance(self.stopped, (UnstableRun, NotConverged))
+
+    def snapshot(self) -> Snapshot | None:
+        """The body as it is now, None where it was not stepped."""
+        if not hasattr(self, "state"):
+            return None
+        problem, u = self.problem, self.state.u
+        fields = {"displacement": u.reshape(-1, int(problem.mesh.dim())), "intact": damage(problem.body, u).intact}
+        return Snapshot(problem.mesh, self.state.t, fields)
+
+    def _results(self, summary: dict[str, Any]) -> Results:
+        """What pictures are drawn of, without a way through the files."""
+        history = self.record.history
+        known = {"title": self.scene.title, "elastic": summary.get("elastic")}
+        columns = {name: history.column(name) for name in history.columns}
+        return Results(self.out, known, columns, (), self.who["scene"])
+
     def _close(self, summary: dict[str, Any]) -> None:
         """Write the summary, with the figures of what was done."""
         problem, clock = self.problem, self.clock
@@ -223,6 +270,7 @@ class _Run:
                 "resumed_at_steps": self.resumed,
                 "checkpoints": self.record.checkpoints,
             }
+        summary["notes"] = self.notes
         summary["run"] = self.who
         try:
             write_summary(self.out / "summary.json", summary)
@@ -240,12 +288,14 @@ def _balance(problem: Problem) -> dict[str, Any]:
     return {"unbalanced_vertices": len(balance.unbalanced), "smallest_weight_ratio": balance.smallest}
 
 
+def _elastic(problem: Problem) -> dict[str, Any]:
+    """The constants that the (first) material has with these bonds, with its wave speeds."""
+    body, first = problem.body, problem.materials[0]
+    one = first.elastic(body.laws[0], body.bonds.dim, *body.moments)
+    speeds = {name: getattr(one, name) for name in ("pressure_speed", "shear_speed", "rayleigh_speed")}
+    return dataclasses.asdict(one) | speeds
+
+
 def _whole(number: float) -> int | None:
     """The integer that a number is, or None."""
     return round(number) if abs(number - round(number)) < 1e-6 else None
-
-
-def _pictures(out: Path, problem: Problem, u: Floats, history: History) -> None:
-    title = problem.scene.title
-    plot.plot_damage(out / "damage.png", problem.basis, u, damage(problem.body, u).intact, title)
-    plot.plot_energies(out / "energies.png", history, title)

@@ -90,8 +90,8 @@ class Peridynamics:
         if isinstance(self.material, Potential):
             return (self.material,)
         if isinstance(self.material, Material):
-            return (self.material.law(self.bonds.dim, *self._moments),)
-        return self.material.laws(self.bonds.dim, *self._moments)
+            return (self.material.law(self.bonds.dim, *self.moments),)
+        return self.material.laws(self.bonds.dim, *self.moments)
 
     @property
     def linear(self) -> bool:
@@ -99,7 +99,7 @@ class Peridynamics:
         return all(isinstance(block.law, Linear) for block in self.blocks)
 
     @property
-    def _moments(self) -> tuple[float, float]:
+    def moments(self) -> tuple[float, float]:
         """The moments ``M_d`` for strains and for cracks, exact or of these bonds."""
         if not isinstance(self.material, Potential) and self.material.calibrate == "discrete":
             return self.bonds.discrete_moments
@@ -108,14 +108,14 @@ class Peridynamics:
     @property
     def crossing(self) -> float:
         """What a unit area of crack cuts of the measures of bonds, which is ``G_c / f_inf``."""
-        return crossing(self.bonds.dim, self._moments[1])
+        return crossing(self.bonds.dim, self.moments[1])
 
     @property
     def elastic(self) -> Elastic:
         """Lamé constant, Young's modulus, toughness and wave speeds that the law has; needs a ``Material``."""
         if not isinstance(self.material, Material):
             raise ValueError("material is a bare potential; elastic constants need a Material with a density")
-        return self.material.elastic(self.law, self.bonds.dim, *self._moments)
+        return self.material.elastic(self.law, self.bonds.dim, *self.moments)
 
     @cached_property
     def blocks(self) -> list[Block]:
