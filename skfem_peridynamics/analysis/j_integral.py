@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,9 @@ def j_integral(
     It is the domain form of Rice's integral with the stress of the strains (Hooke's, lambda = mu),
     ``int (sigma_ij u_i,1 - W delta_1j) q_,j``; q falls from 1 at ``inner`` (half the radius) to 0 at ``radius``. With
     velocity and acceleration the kinetic terms of a moving body are added. In the ring the body is taken for a local,
-    linear one, so ``inner`` must be at least a horizon; what is left is of order ``(eps/inner)^2``. Half of the ring
-    lies on each side of the crack, whose faces must be free of load there.
+    linear one, so ``inner`` must be at least a horizon; what is left is of order ``(eps/inner)^2``. The ring runs
+    around the tip from one face of the crack to the other, which must be free of load there. A crack that has grown
+    is a band of torn elements, with neither stress nor energy: those with an edge beyond its critical strain.
 
     Raises ``ValueError`` for a body that is not in 2D, a bare potential, and a ring that is too small or reaches the
     boundary of the body.
@@ -54,8 +56,10 @@ def j_integral(
     _check_ring(mesh, q, along)
     part = mesh.restrict(some)
     vertices = np.unique(mesh.t[:, some])
-    lame, density = (one[some] for one in _constants(body))
+    lame, density, critical = (one[some] for one in _constants(body))
     dofs = (2 * vertices[:, None] + np.arange(2)).ravel()
+    whole = _worst_edge(part, u[dofs]) <= critical
+    lame, density = lame * whole, density * whole
     G = gradients(part, u[dofs])
     strain = 0.5 * (G + np.swapaxes(G, 1, 2))
     stress = lame[:, None, None] * (np.trace(strain, axis1=1, axis2=2)[:, None, None] * np.eye(2) + 2.0 * strain)
@@ -89,8 +93,18 @@ def _check_ring(mesh: Mesh, q: Floats, along: Floats) -> None:
             raise ValueError(f"the ring reaches the boundary of the body at {where}: take a smaller radius")
 
 
-def _constants(body: Peridynamics) -> tuple[Floats, Floats]:
-    """Lamé constant and density of each element."""
+def _worst_edge(mesh: Mesh, u: Floats) -> Floats:
+    """The largest scaled strain ``sqrt(r) S`` of an edge of each element."""
+    v, worst = u.reshape(-1, mesh.dim()).T, np.zeros(int(mesh.nelements))
+    for a, b in combinations(mesh.t, 2):
+        xi = mesh.p[:, b] - mesh.p[:, a]
+        r = np.linalg.norm(xi, axis=0)
+        worst = np.maximum(worst, (xi * (v[:, b] - v[:, a])).sum(axis=0) / r**1.5)
+    return worst
+
+
+def _constants(body: Peridynamics) -> tuple[Floats, Floats, Floats]:
+    """Lamé constant, density, and critical scaled strain of each element."""
     material: Any = body.material
     mesh, dim = body.bonds.mesh, body.bonds.dim
     if not hasattr(material, "laws") and not hasattr(material, "elastic"):
@@ -101,4 +115,6 @@ def _constants(body: Peridynamics) -> tuple[Floats, Floats]:
         member = material.member_of(mesh)
     else:
         each, member = [body.elastic], np.zeros(int(mesh.nelements), dtype=np.int64)
-    return np.array([one.lame for one in each])[member], np.array([one.density for one in each])[member]
+    constants = ([one.lame for one in each], [one.density for one in each], [law.inflection for law in body.laws])
+    lame, density, critical = (np.array(some, dtype=float)[member] for some in constants)
+    return lame, density, critical

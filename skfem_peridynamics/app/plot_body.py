@@ -21,7 +21,7 @@ from .units import UnitsTable
 _COLOURS = "magma_r"
 _LABEL = "softened bonds, fraction"
 _CRACK = 0.3  # of the bonds gone: the surface drawn in space
-_WIDE = 8.0  # inches of the longer side of a body in 2D
+_WIDE = 6.0  # inches of the longer side of a body in 2D
 _EDGES = 60_000  # beyond which the outline alone would be the picture
 
 
@@ -41,7 +41,7 @@ def plot_damage(path: Path, body: Snapshot, title: str, units: UnitsTable) -> No
         figure.colorbar(shades, ax=axes, label=_LABEL, shrink=0.8)
     else:
         figure = _in_space(body, units)
-    figure.suptitle(title, parse_math=False)
+    figure.suptitle(title, parse_math=False, fontsize=11)
     save(figure, path)
 
 
@@ -50,7 +50,7 @@ def _axis(name: str, units: UnitsTable) -> str:
 
 
 def _line(body: Snapshot, units: UnitsTable) -> Any:
-    figure = new_figure(7, 4)
+    figure = new_figure(5.6, 3.6)
     axes = figure.add_subplot()
     p, u = body.mesh.p, body.fields["displacement"][:, 0]
     order = np.argsort(p[0], kind="stable")
@@ -78,6 +78,7 @@ def _map(axes: Any, body: Snapshot) -> Any:
             LineCollection(np.moveaxis(p[:, mesh.facets[:, rim]], 0, 2).swapaxes(0, 1), color="0.25", lw=0.7)
         )
     axes.set_aspect("equal")
+    axes.spines[:].set_visible(False)
     low, high = p.min(axis=1), p.max(axis=1)
     margin = 0.02 * (high - low).max()
     axes.set_xlim(low[0] - margin, high[0] + margin)
@@ -92,7 +93,7 @@ def _corners(mesh: Mesh, facets: Longs) -> Floats:
 
 def _in_space(body: Snapshot, units: UnitsTable) -> Any:
     """The crack's surface in the body's box, and slices through where the damage is."""
-    figure = new_figure(11, 5.2)
+    figure = new_figure(8.4, 4.4)
     left, right = figure.subfigures(1, 2, width_ratios=(1.15, 1.0))
     _surface(left.add_subplot(projection="3d"), body, units)
     p, broken = body.mesh.p, body.broken
@@ -170,8 +171,8 @@ def plot_course(path: Path, bodies: Sequence[Snapshot], units: UnitsTable) -> No
     wide, high = np.ptp(bodies[0].mesh.p, axis=1)
     columns = 2 if wide >= high else min(4, len(bodies))
     rows = ceil(len(bodies) / columns)
-    each = 9.0 / columns
-    figure = new_figure(9.0, rows * (each * high / wide + 0.45))
+    each = 7.0 / columns
+    figure = new_figure(7.0, rows * (each * high / wide + 0.45))
     for body, axes in zip(bodies, figure.subplots(rows, columns, squeeze=False).ravel(), strict=False):
         _map(axes, body)
         axes.set_title(f"t = {body.t:.4g} {'' if units.time == 'time' else units.time}", fontsize=9)

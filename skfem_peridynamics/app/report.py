@@ -110,7 +110,8 @@ def _cards(results: Results) -> str:
 
 def _figure(name: str, picture: str) -> str:
     caption = escape(_CAPTIONS[name])
-    return f'<figure><img src="data:image/png;base64,{picture}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
+    image = f'<img src="data:image/png;base64,{picture}" alt="{caption}">'
+    return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
 
 
 def _section(title: str, parts: list[str], name: str, pictures: Mapping[str, str]) -> list[str]:

@@ -16,7 +16,7 @@ h3 { font-size: 1rem; margin: 1.5rem 0 0.5rem; }
 .cards dt { font-size: 0.8rem; color: var(--soft); }
 .cards dd { margin: 0.1rem 0 0; font-size: 1.15rem; font-weight: 600; overflow-wrap: anywhere; }
 figure { margin: 1.25rem 0; }
-img { display: block; max-width: 100%; height: auto; }
+img { display: block; width: 46rem; max-width: 100%; height: auto; }
 figcaption { font-size: 0.88rem; color: var(--soft); margin-top: 0.4rem; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-size: 0.92rem; }
@@ -32,6 +32,7 @@ summary { cursor: pointer; color: var(--mark); }
 @media (max-width: 34rem) {
   main { padding: 1rem 0.9rem 3rem; }
   h1 { font-size: 1.5rem; }
+  table, tbody { display: block; width: 100%; }
   tr { display: block; padding: 0.25rem 0; border-bottom: 1px solid var(--line); }
   th, td { display: block; padding: 0; }
 }
