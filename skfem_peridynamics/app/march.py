@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from ..solve.central_difference import central_difference
 from ..solve.newmark import newmark
 from ..solve.static import static
@@ -54,6 +56,14 @@ def notes(problem: Problem) -> list[str]:
         out = _on_the_limit(problem, steps)
     if steps > 1_000_000:
         out.append(f"the run takes {steps:.3g} steps; are the units of time.until = {time.until:g} what you mean?")
+    at = problem.scene.material.breaking
+    if at is not None:
+        law = next(law for law in problem.resting.laws if np.isfinite(law.inflection))
+        part = float(law.energy(np.array([at * law.inflection]))[0]) / law.limit
+        out.append(
+            f"bonds break for good at {at:g} times the critical strain, with {part:.0%} of the energy that it takes to "
+            "open them under the law: cracks cost so much of the toughness"
+        )
     return out
 
 
