@@ -40,7 +40,7 @@ time = {until = 3.0}
 probe = [{at = [0.8, 0.25], name = "gauge"}, {at = [0.2, 0.25]}]
 measure = {j_integral = 0.26}
 units = {length = "mm", force = "N", time = "ms"}
-output = {frames = 6, history = 21, fields = ["stress", "strain"], pictures = true}
+output = {frames = 6, history = 44, fields = ["stress", "strain"], pictures = true}
 """
 
 
@@ -89,7 +89,8 @@ def test_columns_of_what_is_measured(torn):
     assert 0.25 < history["crack_reach"][-1] < 0.45  # 0.375 to go through
     assert np.nanmax(np.abs(history["tip_x"] - 0.5)) < 0.2
     assert summary["crack_length"] == history["crack_length"][-1]
-    assert 0.0 < summary["largest_tip_speed"] < summary["elastic"]["rayleigh_speed"]
+    slopes = [np.polyfit(history["t"][k : k + 5], history["crack_reach"][k : k + 5], 1)[0] for k in range(40)]
+    assert summary["largest_tip_speed"] == pytest.approx(max(slopes))
     assert summary["energy_per_crack_length"] == pytest.approx(1e-3, rel=0.5)
     assert summary["elastic"]["toughness"] == pytest.approx(1e-3)
 
@@ -475,5 +476,7 @@ def test_from_a_mesh_to_a_report_by_one_command(tmp_path, capsys):
     # the crack starts when J reaches G_c = 300, at a row of the history or the next
     assert history["j_integral"][began - 2] < 330 < 1.5 * history["j_integral"][began + 1]
     assert history["reaction_bottom_y"].min() < 0.0
+    summary = Results.read(out).summary
+    assert 0.2 < summary["largest_tip_speed"] / summary["elastic"]["rayleigh_speed"] < 1.0
     assert os.path.getsize(out / "report.html") < 3_000_000
     assert io.BytesIO(base64.b64decode(pictures[0]["src"].partition("base64,")[2])).getbuffer().nbytes > 20_000

@@ -41,7 +41,8 @@ def finished(tmp_path_factory):
 def test_files_of_a_run(finished):
     out, _ = finished
     assert sorted(p.name for p in out.iterdir()) == [
-        "damage.png", "energies.png", "frame_0000.vtu", "frame_0001.vtu", "frames.pvd", "history.csv", "summary.json",
+        "damage.png", "energies.png", "frame_0000.vtu", "frame_0001.vtu", "frames.pvd", "history.csv",
+        "measures.png", "summary.json",
     ]  # fmt: skip
 
 

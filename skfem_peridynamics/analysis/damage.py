@@ -28,7 +28,7 @@ class Census:
     energy_softened: float
     area: float = 0.0
     broken: int = 0
-    soft: tuple[Longs, ...] = field(repr=False, default=())
+    soft: tuple[Longs, ...] = field(repr=False, compare=False, default=())
 
     @property
     def elastic(self) -> float:

@@ -63,7 +63,7 @@ def plot_crack(path: Path, history: History, speed: float | None, units: UnitsTa
 def groups(history: History) -> dict[str, list[str]]:
     """Return the columns of reactions, probes and J by what they are of, in the order of their names.
 
-    >>> groups({"t": np.zeros(1), "reaction_top_x": np.zeros(1), "reaction_top_y": np.zeros(1)})
+    >>> groups(dict.fromkeys(["t", "reaction_top_x", "reaction_top_y"]))
     {'reaction, top': ['reaction_top_x', 'reaction_top_y']}
     """
     found: dict[str, list[str]] = {}
