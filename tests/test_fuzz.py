@@ -24,7 +24,7 @@ from faults import SMALL, small, stop
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from skfem_peridynamics import Scene
+from skfem_peridynamics import Scene, run
 from skfem_peridynamics.app.checkpoint import NAME, OLDER
 from skfem_peridynamics.app.cli import main
 from skfem_peridynamics.app.reading import SceneError
@@ -220,6 +220,8 @@ def scenes(draw):
                 {
                     "potential": st.sampled_from(['"exponential"', '"rational"']),
                     "calibrate": mostly(st.sampled_from(['"continuum"', '"discrete"'])),
+                    "compression": mostly(st.sampled_from(['"soften"', '"elastic"'])),
+                    "breaking": mostly(st.floats(1.0, 4.0).map(repr)),
                 },
                 young=mostly(plain),
                 toughness=mostly(plain),
@@ -265,7 +267,17 @@ def scenes(draw):
         lines.append(
             "inclusion = " + draw(mostly(table({"young": mostly(plain)}, where=formula).map(lambda one: f"[{one}]")))
         )
+    if draw(st.booleans()):
+        radius = mostly(st.floats(0.8, 3.0).map(repr))
+        keys = {"crack": st.sampled_from(["true", "false"]), "reactions": st.sampled_from(["true", "false"])}
+        lines.append("measure = " + draw(table(keys | ({"j_integral": radius} if dim == 2 else {}))))
+    if draw(st.integers(0, 4)) == 0:
+        place = vector(dim, mostly(st.floats(0.5, 1.0).map(repr)))
+        lines.append("probe = [" + draw(table({"name": name}, at=place)) + "]")
+    if draw(st.integers(0, 4)) == 0:
+        lines.append("units = " + draw(table({"length": name, "force": name, "time": name})))
     output = {
+        "fields": mostly(st.sampled_from(["[]", '["stress"]', '["strain", "stress"]']), st.just('["u"]')),
         "frames": mostly(st.integers(0, 3).map(str), st.sampled_from(["-1", "1000000000000", "1.5"])),
         "history": mostly(st.integers(0, 9).map(str), st.sampled_from(["-1", "1000000000000", '"many"'])),
         "checkpoint_every": mostly(
@@ -417,6 +429,34 @@ def fuzz_checkpoints(seed):
         seen["checkpoints", "past parsing"] += " is damaged" not in " ".join(said)
 
 
+class Finished:
+    """A folder with the files of a run, made once."""
+
+    files: dict[str, bytes] = {}  # noqa: RUF012 (made once)
+
+    @classmethod
+    def get(cls):
+        if not cls.files:
+            with folder() as place:
+                run(small(), place / "out")
+                cls.files.update({path.name: path.read_bytes() for path in (place / "out").iterdir()})
+        return cls.files
+
+
+def fuzz_results(seed):
+    """One file of a run damaged, and its pictures drawn again."""
+    rng, files = random.Random(seed), dict(Finished.get())
+    one = rng.choice(["history.csv", "summary.json", "frames.pvd", "frame_0005.vtu"])
+    files[one] = mutate(files[one], rng)
+    with folder() as place:
+        (place / "out").mkdir()
+        for name_, content in files.items():
+            (place / "out" / name_).write_bytes(content)
+        seen["results", "inputs"] += 1
+        _, _, said = judge("results", place, "plot", "out")
+        seen["results", "past parsing"] += "cannot be read" not in " ".join(said)
+
+
 def fuzz(scale):
     """Run all kinds; ``scale`` is 1 for about 500 commands."""
     keep = {"deadline": None, "suppress_health_check": list(HealthCheck), "database": None, "derandomize": True}
@@ -437,6 +477,7 @@ def fuzz(scale):
     options = st.lists(st.sampled_from(OPTIONS), max_size=7)
     many(70, fuzz_command_lines, st.tuples(verbs, options).map(lambda one: [one[0], *one[1]]))
     many(70, fuzz_checkpoints, st.integers(0, 2**32))
+    many(6, fuzz_results, st.integers(0, 2**32))
     kinds = sorted({kind for kind, _ in seen})
     print()
     for kind in kinds:

@@ -80,7 +80,7 @@ def test_columns_of_what_is_measured(torn):
     out, summary = torn
     history = Results.read(out).history
     assert list(history)[10:] == [
-        *("crack_length", "crack_reach", "crack_area", "tips", "tip_x", "tip_y", "j_integral"),
+        *("crack_reach", "crack_area", "crack_length", "tips", "tip_x", "tip_y", "j_integral"),
         *("reaction_left_x", "reaction_left_y", "reaction_right_x", "reaction_right_y"),
         *("probe_gauge_ux", "probe_gauge_uy", "probe_gauge_vx", "probe_gauge_vy"),
         *("probe_1_ux", "probe_1_uy", "probe_1_vx", "probe_1_vy"),
@@ -92,6 +92,7 @@ def test_columns_of_what_is_measured(torn):
     slopes = [np.polyfit(history["t"][k : k + 5], history["crack_reach"][k : k + 5], 1)[0] for k in range(40)]
     assert summary["largest_tip_speed"] == pytest.approx(max(slopes))
     assert summary["energy_per_crack_length"] == pytest.approx(1e-3, rel=0.5)
+    assert summary["energy_per_crack_area"] == pytest.approx(1e-3, rel=0.2)
     assert summary["elastic"]["toughness"] == pytest.approx(1e-3)
 
 
@@ -290,8 +291,17 @@ def test_verdicts(tmp_path):
         "No bond has softened; the largest strain of a bond was 0.5 of the critical one."
     )
     assert of(status="stopped: of power", softened_bonds=4).startswith("The run did not finish: of power. Bonds have")
-    grown = of(status="finished", crack_length=0.5, tips=2, largest_tip_speed=1.0, elastic={"rayleigh_speed": 2.0})
-    assert grown == "The crack grew by 0.5 length, and has 2 tips; its tip ran at up to 0.50 of the Rayleigh speed."
+    grown = of(
+        status="finished",
+        crack_length=0.5,
+        crack_reach=0.3,
+        tips=2,
+        largest_tip_speed=1.0,
+        elastic={"rayleigh_speed": 2.0},
+    )
+    solid = of(status="finished", crack_area=0.5, crack_reach=0.3, largest_tip_speed=0.0, elastic={})
+    assert solid == "A crack of 0.5 has opened, 0.3 far."
+    assert grown == "The crack grew by 0.5, and has 2 tips; its tip ran at up to 0.50 of the Rayleigh speed."
 
 
 def test_what_a_stranger_wrote_is_text(tmp_path):
@@ -360,7 +370,8 @@ def test_reports_in_one_and_three_dimensions(tmp_path):
         )
         _, pictures = check_page((out / "report.html").read_text())
         assert len(pictures) == (3 if dim == 1 else 4)
-        assert ("crack_length" in summary) == (dim == 3)
+        assert ("crack_area" in summary) == (dim == 3)
+        assert "crack_length" not in summary
         assert main(["plot", str(out)]) == 0
     assert main(["plot", str(out), "--animate"]) == 2
 

@@ -63,11 +63,15 @@ class Broken:
 
 
 class CrackTrack:
-    """Length and area of the crack, the number of its tips, and where the first is: no number while there is none."""
+    """How far the crack has come, its area, and where its first tip is: no number while there is none.
+
+    In 2D also the length of all its branches, and the number of their tips.
+    """
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self.dim = problem, int(problem.mesh.dim())
-        self.columns = ("crack_length", "crack_reach", "crack_area", "tips", *(f"tip_{a}" for a in _AXES[: self.dim]))
+        branches = ("crack_length", "tips") if self.dim == 2 else ()
+        self.columns = ("crack_reach", "crack_area", *branches, *(f"tip_{a}" for a in _AXES[: self.dim]))
         self._last: tuple[float, CrackPath] | None = None
 
     @cached_property
@@ -83,9 +87,10 @@ class CrackTrack:
 
     def read(self, state: Moment, count: Census) -> tuple[float, ...]:
         path = self.path(state, count)
-        if not path.found:
-            return (0.0, 0.0, count.area, 0, *[float("nan")] * self.dim)
-        return (path.length, float(path.reach[0]), count.area, len(path.tips), *path.tips[0].tolist())
+        reach = float(path.reach[0]) if path.found else 0.0
+        branches = (path.length, len(path.tips)) if self.dim == 2 else ()
+        tip = path.tips[0].tolist() if path.found else [float("nan")] * self.dim
+        return (reach, count.area, *branches, *tip)
 
 
 class JIntegral:

@@ -64,7 +64,7 @@ def read_mesh(path: Path, scale: float = 1.0, join: bool = False) -> Mesh:
     try:
         with quietly(said):
             content = read(path)
-            _check_cells(content)
+            check_cells(content)
             raw = raw_mesh(content, scale)
     except ModuleNotFoundError as error:
         raise SceneError(
@@ -81,7 +81,7 @@ def read_mesh(path: Path, scale: float = 1.0, join: bool = False) -> Mesh:
     return found.mesh
 
 
-def _check_cells(content: Any) -> None:
+def check_cells(content: Any) -> None:
     """Raise ``ValueError`` for elements of vertices that are not there, and vertices that are nowhere."""
     if np.ndim(content.points) != 2 or any(
         np.ndim(b.data) != 2 or b.data.dtype.kind not in "iu" for b in content.cells

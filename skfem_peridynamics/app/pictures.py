@@ -24,7 +24,7 @@ def draw(results: Results, out: Path | None = None, last: Snapshot | None = None
     last = results.last if last is None else last
     dim = 2 if last is None else int(last.mesh.dim())
     made = []
-    if last is not None and "intact" in last.fields and "displacement" in last.fields:
+    if last is not None:
         plot_damage(out / "damage.png", last, title, units)
         made.append("damage.png")
     some = _spread(len(results.frames)) if course else []
@@ -34,7 +34,7 @@ def draw(results: Results, out: Path | None = None, last: Snapshot | None = None
     if len(history.get("t", ())) > 1:
         plot_energies(out / "energies.png", history, title, units, dim)
         made.append("energies.png")
-        if "crack_reach" in history and history["crack_length"].max() > 0.0:
+        if "crack_reach" in history and history["crack_reach"].max() > 0.0:
             plot_crack(out / "crack.png", history, known(results, "rayleigh_speed"), units)
             made.append("crack.png")
         if groups(history):

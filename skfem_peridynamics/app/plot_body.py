@@ -46,7 +46,8 @@ def plot_damage(path: Path, body: Snapshot, title: str, units: UnitsTable) -> No
 
 
 def _axis(name: str, units: UnitsTable) -> str:
-    return name if units.length == "length" else f"{name} in {units.length}"
+    unit = units.after("length")
+    return f"{name} in{unit}" if unit else name
 
 
 def _line(body: Snapshot, units: UnitsTable) -> Any:
@@ -130,7 +131,7 @@ def _surface(axes: Any, body: Snapshot, units: UnitsTable) -> None:
         colour = colormaps["inferno"](0.25 + 0.5 * (shade.mean(axis=1) - low[2]) / spread)
         axes.add_collection3d(Poly3DCollection(corners, facecolor=colour, edgecolor="none", alpha=0.9))
     axes.set_title(f"where {_CRACK:.0%} of the bonds have softened", fontsize=9)
-    axes.set_box_aspect((high - low) / (high - low).max(), zoom=1.1)
+    axes.set_box_aspect((high - low) / (high - low).max(), zoom=0.95)
     axes.grid(False)
     for k, (one, name) in enumerate(zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True)):
         one.set_pane_color((1, 1, 1, 0))
@@ -175,7 +176,7 @@ def plot_course(path: Path, bodies: Sequence[Snapshot], units: UnitsTable) -> No
     figure = new_figure(7.0, rows * (each * high / wide + 0.45))
     for body, axes in zip(bodies, figure.subplots(rows, columns, squeeze=False).ravel(), strict=False):
         _map(axes, body)
-        axes.set_title(f"t = {body.t:.4g} {'' if units.time == 'time' else units.time}", fontsize=9)
+        axes.set_title(f"t = {body.t:.4g}{units.after('time')}", fontsize=9)
         axes.set_xticks([])
         axes.set_yticks([])
     for axes in figure.axes[len(bodies) :]:
@@ -203,8 +204,8 @@ def animate(path: Path, bodies: Sequence[Snapshot], title: str, units: UnitsTabl
                     axes.clear()
                     _map(axes, body)
                     axes.set_axis_off()
-                    now = f"t = {body.t:.4g} {'' if units.time == 'time' else units.time}"
-                    axes.set_title(f"{title}, {now}".strip(), parse_math=False, fontsize=9)
+                    now = f"t = {body.t:.4g}{units.after('time')}"
+                    axes.set_title(f"{title}, {now}", parse_math=False, fontsize=9)
                     writer.grab_frame()
             target.replace(part)
         finally:

@@ -31,7 +31,7 @@ def plot_energies(path: Path, history: History, title: str, units: UnitsTable, d
         if name in history:
             axes.plot(history["t"], history[name], style, label=label, linewidth=1.5)
     axes.set_xlabel(_time(units))
-    axes.set_ylabel(_in("energy", units.of("energy", dim)))
+    axes.set_ylabel(_in("energy", units.after("energy", dim)))
     axes.set_title(title, parse_math=False)
     axes.legend(frameon=False)
     _plain(axes)
@@ -44,14 +44,15 @@ def plot_crack(path: Path, history: History, speed: float | None, units: UnitsTa
     upper, lower = figure.subplots(2, 1)
     t = history["t"]
     upper.plot(t, history["crack_reach"], label="way of the first tip")
-    upper.plot(t, history["crack_length"], label="all branches")
-    upper.plot(t, history["crack_area"], ":", label="by the bonds it has cut")
-    upper.set_ylabel(_in("crack length", units.length))
+    if "crack_length" in history:
+        upper.plot(t, history["crack_length"], label="all branches")
+        upper.plot(t, history["crack_area"], ":", label="by the bonds it has cut")
+    upper.set_ylabel(_in("crack length", units.after("length")))
     upper.legend(frameon=False)
     lower.plot(t, speeds(t, history["crack_reach"], WINDOW), color="tab:red", label="tip")
     if speed is not None:
         lower.axhline(speed, color="0.3", linestyle="--", linewidth=1, label="Rayleigh speed")
-    lower.set_ylabel(_in("tip speed", units.of("velocity")))
+    lower.set_ylabel(_in("tip speed", units.after("velocity")))
     lower.set_ylim(bottom=0.0)
     lower.legend(frameon=False)
     for axes in (upper, lower):
@@ -90,11 +91,11 @@ def plot_measures(path: Path, history: History, toughness: float | None, units: 
         for name in names:
             label = name.rpartition("_")[2].lstrip("uv") if what != "J" else "J"
             axes.plot(t, history[name], label=label, linewidth=1.4)
-        quantity = "toughness" if what == "J" else {"reaction": "force"}.get(what.split(",")[0], what.split(",")[0])
+        quantity = "J" if what == "J" else {"reaction": "force"}.get(what.split(",")[0], what.split(",")[0])
         if what == "J" and toughness is not None:
             axes.axhline(toughness, color="0.3", linestyle="--", linewidth=1, label="G_c")
         axes.set_title(what, parse_math=False, fontsize=10)
-        axes.set_ylabel(units.of(quantity, dim), parse_math=False)
+        axes.set_ylabel(_in(quantity, units.after(quantity, dim)), parse_math=False)
         axes.set_xlabel(_time(units))
         axes.legend(frameon=False)
         _plain(axes)
@@ -102,11 +103,11 @@ def plot_measures(path: Path, history: History, toughness: float | None, units: 
 
 
 def _in(what: str, unit: str) -> str:
-    return what if any(word in unit for word in ("length", "force", "time")) else f"{what} in {unit}"
+    return f"{what} in{unit}" if unit else what
 
 
 def _time(units: UnitsTable) -> str:
-    return "t" if units.time == "time" else f"t in {units.time}"
+    return _in("t", units.after("time"))
 
 
 def _plain(axes: Any) -> None:

@@ -188,7 +188,9 @@ class Record:
         if "crack_reach" in out:
             out["largest_tip_speed"] = float(speeds(history.column("t"), history.column("crack_reach"), WINDOW).max())
             energy = history.rows[-1][4] + out.get("dissipated", 0.0)
-            out["energy_per_crack_length"] = energy / out["crack_length"] if out["crack_length"] else None
+            for size in ("area", "length"):
+                if f"crack_{size}" in out:
+                    out[f"energy_per_crack_{size}"] = (energy / out[f"crack_{size}"]) if out[f"crack_{size}"] else None
         return out
 
 

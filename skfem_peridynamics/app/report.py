@@ -66,20 +66,21 @@ def page(results: Results, pictures: Mapping[str, str]) -> str:
 
 def verdict(results: Results) -> str:
     """Say in a sentence or two what the run has found."""
-    summary, length = results.summary, results.units.length
+    summary, length = results.summary, results.units.after("length")
     if not summary:
         return "The run has not ended; this is what it has written so far."
     status = str(summary.get("status", ""))
     begin = "" if status == "finished" else f"The run did not finish: {status.removeprefix('stopped: ')}. "
-    grown, Z = summary.get("crack_length"), summary.get("largest_Z") or 0.0
-    if grown:
-        said = f"The crack grew by {_number(grown)} {length}"
-        tips = summary.get("tips", 1)
-        said += f", and has {tips} tips" if tips > 1 else ""
+    Z = summary.get("largest_Z") or 0.0
+    if summary.get("crack_reach"):
         fastest, rayleigh = summary.get("largest_tip_speed"), known(results, "rayleigh_speed")
-        if fastest and rayleigh:
-            said += f"; its tip ran at up to {fastest / rayleigh:.2f} of the Rayleigh speed"
-        return f"{begin}{said}."
+        speed = f"; its tip ran at up to {fastest / rayleigh:.2f} of the Rayleigh speed" if fastest and rayleigh else ""
+        if summary.get("crack_length"):
+            tips = summary.get("tips", 1)
+            branches = f", and has {tips} tips" if tips > 1 else ""
+            return f"{begin}The crack grew by {_number(summary['crack_length'])}{length}{branches}{speed}."
+        area = _number(summary.get("crack_area")) + results.units.after("area")
+        return f"{begin}A crack of {area} has opened, {_number(summary['crack_reach'])}{length} far{speed}."
     if summary.get("softened_bonds") or summary.get("broken_bonds"):
         return f"{begin}Bonds have softened, and no crack has grown from that that could be followed."
     return f"{begin}No bond has softened; the largest strain of a bond was {Z:.2g} of the critical one."
@@ -92,10 +93,12 @@ def _number(value: Any) -> str:
 def _cards(results: Results) -> str:
     summary = results.summary
     units, cards = results.units, []
+    if summary.get("crack_length") is None and summary.get("crack_area") is not None:
+        cards.append(("crack area", _number(summary["crack_area"]) + units.after("area")))
     if summary.get("crack_length") is not None:
-        cards.append(("crack length", f"{_number(summary['crack_length'])} {units.length}"))
+        cards.append(("crack length", _number(summary["crack_length"]) + units.after("length")))
     if summary.get("largest_tip_speed"):
-        cards.append(("fastest tip", f"{_number(summary['largest_tip_speed'])} {units.of('velocity')}"))
+        cards.append(("fastest tip", _number(summary["largest_tip_speed"]) + units.after("velocity")))
     for name, label in (("energy_drift", "energy drift"), ("error_estimate", "estimated error of u")):
         if isinstance(summary.get(name), (int, float)):
             cards.append((label, f"{summary[name]:.2g}"))
@@ -127,24 +130,26 @@ def _table(rows: Iterable[tuple[str, str]]) -> str:
 
 def _crack_table(results: Results) -> str:
     summary, units, rows = results.summary, results.units, list[tuple[str, str]]()
-    length = units.length
+    length = units.after("length")
     rayleigh, toughness = known(results, "rayleigh_speed"), known(results, "toughness")
-    for name, label in (
-        ("crack_length", "length of all branches"),
-        ("crack_reach", "way of the first tip"),
-        ("crack_area", "length of a flat crack that cuts as many bonds"),
+    flat = summary.get("crack_length") is not None
+    for name, label, unit in (
+        ("crack_length", "length of all branches", length),
+        ("crack_reach", "way of the first tip", length),
+        ("crack_area", "the same by the bonds it has cut" if flat else "area", length if flat else units.after("area")),
     ):
         if summary.get(name) is not None:
-            rows.append((label, f"{_number(summary[name])} {length}"))
+            rows.append((label, _number(summary[name]) + unit))
     if summary.get("tips") is not None:
         rows.append(("tips", str(summary["tips"])))
     if summary.get("largest_tip_speed") is not None:
         of = f", {summary['largest_tip_speed'] / rayleigh:.2f} of the Rayleigh speed" if rayleigh else ""
-        rows.append(("fastest tip", f"{_number(summary['largest_tip_speed'])} {units.of('velocity')}{of}"))
-    release = summary.get("energy_per_crack_length")
-    if release is not None:
-        of = f", {release / toughness:.2f} of G_c" if toughness else ""
-        rows.append(("energy of softened bonds per length", f"{_number(release)} {units.of('toughness')}{of}"))
+        rows.append(("fastest tip", _number(summary["largest_tip_speed"]) + units.after("velocity") + of))
+    for size in ("length", "area"):
+        release = summary.get(f"energy_per_crack_{size}")
+        if release is not None and (size == "area") != flat:
+            of = f", {release / toughness:.2f} of G_c" if toughness else ""
+            rows.append((f"energy of softened bonds per {size}", _number(release) + units.after("toughness") + of))
     return _table(rows)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import json
 import math
@@ -16,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from .._types import Floats, Mesh
-from .reading import SceneError
+from .reading import LARGEST, SceneError
 from .units import UnitsTable
 
 
@@ -86,13 +85,37 @@ class Results:
             raise SceneError(f"frame {str(path)!r} cannot be read: {error}") from None
 
 
+_NUMBERS = {
+    *("crack_length", "crack_reach", "crack_area", "tips", "largest_tip_speed"),
+    *("energy_per_crack_length", "energy_per_crack_area", "energy_drift", "energy_lost", "error_estimate"),
+    *("largest_Z", "softened_bonds", "broken_bonds", "nodes", "bonds", "steps", "dt", "peak_memory_mb"),
+}
+_TABLES = {"seconds": True, "elastic": True, "dt_limit": True, "run": False}  # and whether they hold numbers only
+
+
 def _summary(path: Path) -> dict[str, Any]:
     if not path.is_file():
         return {}
     found = json.loads(path.read_bytes())
     if not isinstance(found, dict):
         raise ValueError("summary.json holds no table")
+    for name, value in found.items():
+        if value is None:
+            continue
+        if name in _NUMBERS and not _is_number(value):
+            raise ValueError(f"summary.json has {name} = {value!r}, which is no number")
+        if name in _TABLES:
+            entries = value.values() if isinstance(value, dict) else [None]
+            if not isinstance(value, dict) or (_TABLES[name] and not all(e is None or _is_number(e) for e in entries)):
+                raise ValueError(f"summary.json has no table {name} of numbers")
     return found
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= LARGEST
+
+
+_HISTORY = ("t", "kinetic", "intact", "softened", "total", "work")
 
 
 def _history(path: Path) -> dict[str, Floats]:
@@ -105,7 +128,14 @@ def _history(path: Path) -> dict[str, Floats]:
     names, numbers = rows[0], rows[1:]
     if any(len(row) != len(names) for row in numbers):
         raise ValueError("history.csv has rows of several lengths")
-    return {name: np.array([float(row[k]) for row in numbers]) for k, name in enumerate(names)}
+    columns = {name: np.array([float(row[k]) for row in numbers]) for k, name in enumerate(names)}
+    for name in _HISTORY:
+        if name not in columns:
+            raise ValueError(f"history.csv has no column {name!r}")
+    for name, values in columns.items():
+        if (np.abs(np.nan_to_num(values, nan=0.0)) > LARGEST).any():
+            raise ValueError(f"history.csv has numbers in the column {name!r} that no run writes")
+    return columns
 
 
 def _frames(folder: Path) -> tuple[tuple[float, Path], ...]:
@@ -123,18 +153,23 @@ def _frames(folder: Path) -> tuple[tuple[float, Path], ...]:
 def _body(path: Path, t: float) -> tuple[Mesh, float, dict[str, Floats]]:
     import skfem
 
+    from ..geometry.simplices import check_simplices
     from .foreign import read
-    from .meshes import quietly
+    from .meshes import check_cells, quietly
 
     with quietly():
         content = read(path)
     block = content.cells[0]
     dim = {"line": 1, "triangle": 2, "tetra": 3}[block.type]
     kind = (skfem.MeshLine, skfem.MeshTri, skfem.MeshTet)[dim - 1]
+    check_cells(content)
     points = np.ascontiguousarray(content.points.T[:dim])
     mesh = kind(points, np.ascontiguousarray(block.data.T.astype(np.int32)))
+    check_simplices(mesh)
     fields = {str(name): np.asarray(values, dtype=float) for name, values in content.point_data.items()}
-    with contextlib.suppress(KeyError):
-        if not np.isfinite(fields["intact"]).all():
-            raise ValueError("its damage is no number")
+    for name, shape in (("intact", (len(points.T),)), ("displacement", (len(points.T), 3))):
+        if name not in fields or fields[name].shape != shape or not np.isfinite(fields[name]).all():
+            raise ValueError(f"it has no field {name!r} of a run")
+    if np.abs(fields["intact"] - 0.5).max(initial=0.0) > 0.501:
+        raise ValueError("its field 'intact' is no fraction")
     return mesh, t, fields

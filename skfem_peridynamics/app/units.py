@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from .reading import key, text
 
@@ -15,10 +15,12 @@ _POWERS = {
     "intact": (0, 0, 0),
     "Z": (0, 0, 0),
     "length": (1, 0, 0),
+    "area": (2, 0, 0),
     "time": (0, 0, 1),
     "force": (0, 1, 0),
     "energy": (1, 1, 0),
     "toughness": (-1, 1, 0),
+    "J": (-1, 1, 0),
 }
 KNOWN = frozenset(_POWERS)
 _NAMED = {("m", "N"): {(-2, 1, 0): "Pa", (1, 1, 0): "J"}, ("mm", "N"): {(-2, 1, 0): "MPa", (1, 1, 0): "mJ"}}
@@ -31,6 +33,15 @@ class UnitsTable:
     length: str = key(text, "length")
     force: str = key(text, "force")
     time: str = key(text, "time")
+
+    def after(self, quantity: str, dim: int = 3) -> str:
+        """Return the unit as it stands after a number, nothing where the scene names none.
+
+        >>> UnitsTable("m", "N", "s").after("velocity"), UnitsTable().after("velocity")
+        (' m/s', '')
+        """
+        unit = self.of(quantity, dim)
+        return "" if any(one.name in unit for one in fields(self)) else f" {unit}"
 
     def of(self, quantity: str, dim: int = 3) -> str:
         """Return the unit of a quantity, ``"1"`` for a number; in 2D forces and energies are per unit thickness.
