@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from .._types import Floats, Longs
+from .._types import Csr, Floats, Longs
 from .kernels import Block
 from .peridynamics import Peridynamics
+
+
+class Broken(NamedTuple):
+    """Some bonds that broke together: what takes samples of a window to differences of their ends, and their pull."""
+
+    C: Csr
+    window: slice
+    pull: Floats
 
 
 @dataclass(eq=False)
@@ -18,14 +27,17 @@ class BondState:
     """What has happened to the bonds of a body.
 
     ``broken`` lists, for each block, the numbers of its broken bonds in order; ``lost`` (nsamples,) counts them by
-    their ends; ``released`` is what those that broke last had pulled with, as a nodal vector, None if none did, and
-    ``energy`` what they had stored.
+    their ends; ``last`` holds what broke last, ``energy`` what that had stored.
     """
 
     broken: list[Longs]
     lost: Floats
-    released: Floats | None = None
+    last: list[Broken] = field(default_factory=list)
     energy: float = 0.0
+
+    def work_of_last(self, du: Floats) -> float:
+        """Return the work that what broke last would have done against a displacement, (nsamples, dim)."""
+        return float(sum(np.vdot(one.pull, one.C @ du[one.window]) for one in self.last))
 
     @property
     def count(self) -> int:
@@ -100,27 +112,28 @@ class Breaking(Peridynamics):
         """Break the bonds that are beyond their limit at u; return the force of the others, (N,)."""
         u = self._vector(u)
         F, broken = self.engine.break_and_force(u, self.at)
-        self.state.released, self.state.energy = None, 0.0
+        self.state.last, self.state.energy = [], 0.0
         if broken:
-            self._note(u, broken)
+            self._note(self.inward(u), broken)
         return F
 
-    def _note(self, u: Floats, broken: Sequence[tuple[Block, Longs]]) -> None:
-        samples, dim = self.bonds.samples, self.bonds.dim
+    def _note(self, v: Floats, broken: Sequence[tuple[Block, Longs]]) -> None:
         number = {id(block): k for k, block in enumerate(self.blocks)}
-        pull, v = np.zeros((samples.nsamples, dim)), self.inward(u)
         for block, which in broken:
-            self._count(number[id(block)], which)
-            some = block.some(which)
-            pull[some.window] += some.force(v)
-            self.state.energy += some.energy(v)
-        self.state.released = samples.spread(pull).ravel()
+            some = self._count(number[id(block)], which)
+            C, p, k = some.incidence(), some.directions(), some.k
+            T = np.einsum("nd,nd->n", C @ v[some.window], p)
+            pull = (k * some.law.gradient(T))[:, None] * p
+            self.state.last.append(Broken(C, some.window, pull))
+            self.state.energy += float(k @ some.law.energy(T))
 
-    def _count(self, k: int, which: Longs) -> None:
-        state = self.state
+    def _count(self, k: int, which: Longs) -> Block:
+        """Count bonds of a block as broken; return them as a block of their own."""
+        state, some = self.state, self.blocks[k].some(which)
         state.broken[k] = np.concatenate([state.broken[k], which])
-        some = self.blocks[k].some(which)
-        state.lost[some.window] += some.incidence(1.0).T @ np.ones(len(which))
+        C = some.incidence(1.0)
+        np.add.at(state.lost, C.indices + some.window.start, C.data)
+        return some
 
     def recall(self, broken: Sequence[Longs] | None) -> None:
         """Break the listed bonds, block by block: the state of an earlier run. Raises ``ValueError`` if none fit."""

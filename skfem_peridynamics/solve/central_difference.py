@@ -193,9 +193,9 @@ def _steps(
                 work += 0.5 * inner(before + b, du)
             if fixed:
                 work += 0.5 * inner(pulled + resist, du)
-            if breaking is not None and breaking.state.released is not None:
+            if breaking is not None and breaking.state.last:
                 # what broke has pulled along half of this step only: the motion lacks that work
-                dissipated += breaking.state.energy - 0.5 * inner(breaking.state.released, du)
+                dissipated += breaking.state.energy - 0.5 * breaking.state.work_of_last(breaking.inward(du))
             np.multiply(a, 0.5 * dt, out=half)
             v += half
         now = state()

@@ -253,7 +253,7 @@ def _steps(
             work += 0.5 * inner(b + b1, u1 - u)
         if breaking is not None:
             breaking.force_and_break(u1)
-            if breaking.state.released is not None:
+            if breaking.state.last:
                 dissipated += breaking.state.energy
                 a = step.again(u1, a, b1)
                 pulled = step.reaction(u1, a, b1)

@@ -176,7 +176,7 @@ class _Path:
         try:
             while True:
                 body.force_and_break(u)
-                if body.state.released is None:
+                if not body.state.last:
                     return u, lost
                 lost += body.state.energy
                 u = self.settle(u, b)
