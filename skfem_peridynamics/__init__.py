@@ -5,9 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from ._version import __version__
+from .analysis.crack import CrackPath, crack_path
 from .analysis.damage import Census, Damage, census, damage
 from .analysis.dispersion import dispersion
 from .analysis.energies import discrete_energy
+from .analysis.j_integral import j_integral
+from .analysis.stress import strain, stress
 from .bonds.ball import BallRule
 from .bonds.bond_basis import BondBasis
 from .bonds.rules import PairRule
@@ -43,6 +46,7 @@ __all__ = [
     "Census",
     "Composite",
     "Crack",
+    "CrackPath",
     "Damage",
     "Effort",
     "Elastic",
@@ -72,11 +76,13 @@ __all__ = [
     "collar",
     "conical",
     "constant",
+    "crack_path",
     "damage",
     "discrete_energy",
     "dispersion",
     "gaussian",
     "interpolate",
+    "j_integral",
     "layer_traction",
     "load_state",
     "mass_matrix",
@@ -89,6 +95,8 @@ __all__ = [
     "slit",
     "stable_time_step",
     "static",
+    "strain",
+    "stress",
     "traction",
 ]
 

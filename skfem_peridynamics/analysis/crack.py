@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sparse
-from scipy.sparse.csgraph import connected_components, dijkstra
-from scipy.spatial import cKDTree
 
 from .._types import Csr, Floats, Longs, Mesh
 
@@ -51,6 +49,8 @@ def crack_path(mesh: Mesh, intact: Floats, horizon: float, cracked: float = CRAC
     >>> len(path.tips), bool(abs(path.length - 0.55) < 0.01), abs(path.direction).round(1).tolist()
     (1, True, [1.0, 0.0])
     """
+    from scipy.sparse.csgraph import connected_components, dijkstra
+
     dim = int(mesh.dim())
     nothing = CrackPath(np.zeros((0, dim)), np.zeros(0), 0.0, np.zeros(dim))
     hurt = np.flatnonzero(1.0 - intact >= cracked)
@@ -76,6 +76,8 @@ def crack_path(mesh: Mesh, intact: Floats, horizon: float, cracked: float = CRAC
 
 def _near(x: Floats, horizon: float) -> Csr:
     """The lengths between points within a horizon."""
+    from scipy.spatial import cKDTree
+
     pairs = cKDTree(x).query_pairs(horizon * (1.0 + 1e-9), output_type="ndarray")
     i, j = pairs.T
     length = np.maximum(np.linalg.norm(x[i] - x[j], axis=1), 1e-9 * horizon)  # faces of a slit coincide: no zero edge
@@ -87,6 +89,8 @@ def _from_slit(mesh: Mesh, x: Floats, horizon: float) -> Floats:
     tips = slit_tips(mesh)
     if not len(tips):
         return np.full(len(x), np.inf)
+    from scipy.spatial import cKDTree
+
     gap, _ = cKDTree(mesh.p[:, tips].T).query(x, distance_upper_bound=horizon * (1.0 + 1e-9))
     return np.asarray(gap, dtype=float)
 
@@ -109,6 +113,8 @@ def _faces(mesh: Mesh) -> list[tuple[Longs, Longs]]:
     if slit is None or not len(slit) or mesh.dim() < 2:
         return []
     corners = mesh.facets[:, np.asarray(slit)].astype(np.int64)
+    from scipy.spatial import cKDTree
+
     middle = mesh.p[:, corners].mean(axis=1).T
     extent = float(np.ptp(mesh.p, axis=1).max())
     pairs = cKDTree(middle).query_pairs(1e-9 * extent, output_type="ndarray")
@@ -135,6 +141,8 @@ def slit_directions(mesh: Mesh) -> tuple[Floats, Floats]:
 
 def _branches(x: Floats, graph: Csr, root: Longs, offset: Floats, horizon: float) -> CrackPath:
     """The longest way from the root, then the longest off that, and so on."""
+    from scipy.sparse.csgraph import dijkstra
+
     n = len(x)
     start = sparse.csr_matrix((np.maximum(offset, 1e-9 * horizon), (np.full(len(root), n), root)), shape=(n + 1, n + 1))
     whole = sparse.csr_matrix(sparse.block_diag([graph, sparse.csr_matrix((1, 1))]) + start)
