@@ -114,7 +114,7 @@ def test_scale_and_join(tmp_path, caplog):
     assert apart.nvertices == 12
     assert np.ptp(apart.p[0]) == pytest.approx(4e-3)
     assert "the mesh has 3 parts that share no vertex; the smallest has 2 elements" in caplog.text
-    assert "2 of its vertices are where others are: mesh.join = true makes them one" in caplog.text
+    assert "2 of its vertices are where others are: join = true makes them one" in caplog.text
     caplog.clear()
     joined = read_mesh(tmp_path / "a.vtu", join=True)
     assert joined.nvertices == 10
@@ -266,3 +266,12 @@ def test_a_scene_by_the_names_of_its_groups(tmp_path):
     assert problem.load(0.0).reshape(-1, 2).sum(axis=0) == pytest.approx([0.0, 0.2])
     assert len(problem.fixed[0].dofs) == 16
     assert problem.limit.dt > 0.0
+
+
+def test_node_sets_of_abaqus(tmp_path):
+    lines = ["*NODE", *(f"{k + 1}, {x}, {y}" for k, (x, y) in enumerate(SQUARE)), "*ELEMENT, TYPE=CPS3, ELSET=ALL"]
+    lines += [f"{k + 1}, {', '.join(str(v + 1) for v in t)}" for k, t in enumerate(TWO)]
+    (tmp_path / "a.inp").write_text("\n".join([*lines, "*NSET, NSET=EDGE", "3, 4", ""]))
+    mesh = read_mesh(tmp_path / "a.inp")
+    assert len(mesh.subdomains["ALL"]) == 2
+    assert places(mesh, "EDGE").ravel().tolist() == [0.5, 1.0]

@@ -101,11 +101,11 @@ class Intact:
 
     def __init__(self, body: Peridynamics) -> None:
         self.body = body
-        whole = body.whole
-        every = np.zeros(whole.bonds.samples.nsamples)
-        for block in whole.blocks:
+        samples = body.bonds.samples
+        every = body.lost.copy() if isinstance(body, Breaking) else np.zeros(samples.nsamples)
+        for block in body.blocks:
             every[block.window] += block.incidence(1.0).T @ (block.k > 0.0).astype(float)
-        self.every = np.maximum(whole.bonds.samples.spread(every), np.finfo(float).tiny)
+        self.every = np.maximum(samples.spread(every), np.finfo(float).tiny)
 
     def after(self, count: Census) -> Floats:
         """Return the fraction of each vertex's bonds that have neither softened nor broken, (nvertices,)."""

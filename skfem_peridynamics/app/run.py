@@ -9,18 +9,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .._version import __version__
 from ..analysis.clock import Clock
 from ..analysis.damage import damage
 from ..model.bond_state import Breaking
 from ..model.rigidity import check_rigid
-from ..model.team import usable_cores
 from ..solve.newton import NotConverged
 from ..solve.watch import UnstableRun, Watch
 from . import checkpoint, plot
 from .build import Problem
 from .checkpoint import Checkpoint
 from .earlier import go_on, look_back
+from .facts import first_facts
 from .files import OutputError, hold, make_folder
 from .formula import FormulaError
 from .identity import identity
@@ -133,7 +132,7 @@ class _Run:
         self.record = Record(problem, self.out, self.steps, self.clock, self.watch, self.progress, facts, self.earlier)
         if self.earlier is None:
             checkpoint.remove(self.out)
-        summary = self._first_facts()
+        summary = first_facts(problem, self.dt, self.steps, self.blocks)
         try:
             self._step()
             if pictures:
@@ -187,26 +186,6 @@ class _Run:
             self.resumed = [*self.earlier.facts.get("resumed", []), start.step]
             _log.warning("the run goes on from step %d of %d", start.step, self.steps)
             self.state = dataclasses.replace(start, _body=problem.body)
-
-    def _first_facts(self) -> dict[str, Any]:
-        problem = self.problem
-        return {
-            "title": self.scene.title,
-            "version": __version__,
-            "status": "running",
-            "rule": problem.bonds.rule.name,
-            "scheme": problem.scheme,
-            "nodes": int(problem.mesh.nvertices),
-            "bonds": int(problem.bonds.nbonds),
-            **_balance(problem),
-            "blocks": self.blocks,
-            "kernels": "compiled" if problem.body.compiles else "sparse products",
-            "cores": usable_cores(),
-            "dt": self.dt,
-            **({"dt_limit": self.limit.steps()} if self.limit is not None else {}),
-            "steps": self.steps,
-            "elastic": _elastic(problem),
-        }
 
     def _step(self) -> None:
         """Step to the end; a run that is asked to stop, or must, leaves a checkpoint."""
@@ -278,22 +257,6 @@ class _Run:
             if summary["status"] == "finished":
                 raise
             _log.warning("the summary could not be written either")
-
-
-def _balance(problem: Problem) -> dict[str, Any]:
-    """What the summary says of balanced weights; nothing where there are none."""
-    balance = problem.bonds.balance
-    if balance is None:
-        return {}
-    return {"unbalanced_vertices": len(balance.unbalanced), "smallest_weight_ratio": balance.smallest}
-
-
-def _elastic(problem: Problem) -> dict[str, Any]:
-    """The constants that the (first) material has with these bonds, with its wave speeds."""
-    body, first = problem.body, problem.materials[0]
-    one = first.elastic(body.laws[0], body.bonds.dim, *body.moments)
-    speeds = {name: getattr(one, name) for name in ("pressure_speed", "shear_speed", "rayleigh_speed")}
-    return dataclasses.asdict(one) | speeds
 
 
 def _whole(number: float) -> int | None:

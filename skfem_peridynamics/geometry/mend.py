@@ -15,6 +15,7 @@ import numpy as np
 
 from .._types import Bools, Floats, Ints, Longs, Mesh
 from .cells import kind_of, to_simplices
+from .manifold import check_manifold, facet_numbers, parts_of, unique_rows
 from .pieces import connected
 from .simplices import check_simplices, describe_point
 
@@ -77,7 +78,7 @@ def mend(raw: Raw, join: bool = False) -> Mended:
     t = _turned(p, t, notes)
     mesh = _mesh(p, t, dim)
     check_simplices(mesh)
-    _check_manifold(mesh)
+    check_manifold(mesh)
     number = np.full(len(points), -1, dtype=np.int64)
     number[used] = np.arange(len(used))
     boundaries = _boundaries(mesh, number[facets] if len(facets) else facets, facet_marks, notes)
@@ -90,7 +91,7 @@ def mend(raw: Raw, join: bool = False) -> Mended:
     for name in raw.tags:
         if name not in subdomains and name not in boundaries:
             notes.append(f"the group {name!r} is of neither elements nor facets of the body, and was left out")
-    _tell_parts(mesh, notes)
+    notes += parts_of(mesh)
     if boundaries:
         mesh = mesh.with_boundaries(boundaries)
     return Mended(mesh.with_subdomains(subdomains) if subdomains else mesh, tuple(notes))
@@ -181,7 +182,7 @@ def _without_repeats(t: Longs, marks: dict[str, Bools], dim: int, notes: list[st
         marks = {name: has[~crushed] for name, has in marks.items()}
     if not len(t):
         raise ValueError("it has no elements of any volume")
-    first, same = _unique_rows(ordered)
+    first, same = unique_rows(ordered)
     merged = {}
     idle = np.ones(len(t), dtype=bool)  # listed again without a group that the first of them lacks
     idle[first] = False
@@ -193,21 +194,6 @@ def _without_repeats(t: Longs, marks: dict[str, Bools], dim: int, notes: list[st
     if twice:
         notes.append(f"{_some(twice, 'element')} listed twice {_was(twice)} taken once")
     return t[first], merged
-
-
-def _unique_rows(rows: Longs) -> tuple[Longs, Longs]:
-    """The places of the first of equal rows, in the order they come in, and which of these each row equals."""
-    order = np.lexsort(rows.T[::-1])
-    new = np.ones(len(rows), dtype=bool)
-    new[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
-    group = np.empty(len(rows), dtype=np.int64)
-    group[order] = np.cumsum(new) - 1
-    first = np.full(int(new.sum()), len(rows), dtype=np.int64)
-    np.minimum.at(first, group, np.arange(len(rows)))
-    by_place = np.argsort(first)
-    rank = np.empty_like(by_place)
-    rank[by_place] = np.arange(len(by_place))
-    return first[by_place], rank[group]
 
 
 def _turned(p: Floats, t: Longs, notes: list[str]) -> Longs:
@@ -222,42 +208,10 @@ def _turned(p: Floats, t: Longs, notes: list[str]) -> Longs:
     return t
 
 
-def _check_manifold(mesh: Mesh) -> None:
-    """Raise ``ValueError`` for a facet of more than two elements, and for two elements on one side of theirs."""
-    dim, facets = mesh.dim(), mesh.facets
-    count = np.bincount(mesh.t2f.ravel(), minlength=facets.shape[1])
-    many = np.flatnonzero(count > 2)
-    if len(many):
-        where = describe_point(mesh.p[:, facets[:, many[0]]].mean(axis=1))
-        raise ValueError(f"{count[many[0]]} elements share the facet at {where}: elements lie on top of each other")
-    inner = np.flatnonzero(mesh.f2t[1] >= 0)
-    corners = mesh.p[:, facets[:, inner]]
-    sides = []
-    for k in (0, 1):
-        opposite = mesh.t[:, mesh.f2t[k, inner]].sum(axis=0) - facets[:, inner].sum(axis=0)
-        rows = np.concatenate([corners[:, 1:] - corners[:, :1], (mesh.p[:, opposite] - corners[:, 0])[:, None]], axis=1)
-        sides.append(np.linalg.det(np.moveaxis(rows, 2, 0)) if dim > 1 else rows[0, 0])
-    folded = np.flatnonzero(sides[0] * sides[1] > 0.0)
-    if len(folded):
-        where = describe_point(corners[:, :, folded[0]].mean(axis=1))
-        raise ValueError(
-            f"the two elements at the facet at {where} lie on the same side of it: the mesh is folded over there"
-        )
-
-
-def _lookup(mesh: Mesh, facets: Longs) -> Longs:
-    """The numbers of facets (n, dim) given by their vertices, -1 for those that are none."""
-    own = np.sort(mesh.facets.T.astype(np.int64), axis=1)
-    both = np.concatenate([own, np.sort(facets, axis=1)])
-    first, same = _unique_rows(both)
-    found = first[same[len(own) :]]
-    return np.where(found < len(own), found, -1)
-
-
 def _boundaries(mesh: Mesh, facets: Longs, marks: dict[str, Bools], notes: list[str]) -> dict[str, Ints]:
     if not len(facets):
         return {}
-    number = _lookup(mesh, facets)
+    number = facet_numbers(mesh, facets)
     out = {}
     for name, has in marks.items():
         if not has.any():
@@ -277,22 +231,3 @@ def _between(mesh: Mesh, vertices: Longs) -> Ints:
     has[vertices[vertices >= 0]] = True
     outer = mesh.boundary_facets()
     return np.asarray(outer[has[mesh.facets[:, outer]].all(axis=0)], dtype=np.int32)
-
-
-def _tell_parts(mesh: Mesh, notes: list[str]) -> None:
-    count, piece = connected(mesh.t, int(mesh.nvertices))
-    if count == 1:
-        return
-    sizes = np.bincount(piece[mesh.t[0]], minlength=count)
-    small = int(sizes.argmin())
-    where = describe_point(mesh.p[:, mesh.t[:, piece[mesh.t[0]] == small][0, 0]])
-    note = f"the mesh has {count} parts that share no vertex; the smallest has {_some(int(sizes[small]), 'element')}, "
-    note += f"one of them at {where}"
-    from scipy.spatial import cKDTree
-
-    extent = float(np.ptp(mesh.p, axis=1).max())
-    here = cKDTree(mesh.p[:, piece == small].T)
-    touching = here.count_neighbors(cKDTree(mesh.p[:, piece != small].T), _FLAT * extent)
-    if touching:
-        note += f"; {touching} of its vertices are where others are: mesh.join = true makes them one"
-    notes.append(note)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._types import Csr, Floats, Longs
+from ..bonds.ball import BallRule
 from .kernels import Block
 from .peridynamics import Peridynamics
 
@@ -80,7 +81,7 @@ class Breaking(Peridynamics):
 
     @property
     def compiles(self) -> bool:
-        return self.bonds.samples.at_vertices and not self.bonds.rule.name.startswith("ball") and super().compiles
+        return not isinstance(self.bonds.rule, BallRule) and super().compiles
 
     @cached_property
     def whole(self) -> Peridynamics:
