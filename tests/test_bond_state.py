@@ -290,11 +290,21 @@ def test_schemes_break_and_restart_with_the_same_bits(scheme, tmp_path):
 
 
 def test_implicit_balance_over_the_break():
+    """Newmark, second order over the break: 7.7e-4, 1.9e-4 of what broke; 6e-2 with the acceleration of before."""
+    off = []
+    for dt in (1e-2, 5e-3):
+        body = bar(at=1.2)
+        s = list(peri.newmark(body, peri.mass_matrix(body.basis), dt=dt, until=0.5, fixed=pulled(body)))[-1]
+        assert s.dissipated > 0.1 * s.work
+        off.append(abs(s.energies.imbalance) / s.dissipated)
+    assert off[0] < 2e-3
+    assert off[1] < 0.4 * off[0]
+
+
+def test_statics_settles_until_nothing_breaks():
     body = bar(at=1.2)
-    s = list(run_of("newmark", body))[-1]
-    assert s.dissipated > 0.1 * s.work
-    assert abs(s.energies.imbalance) < 0.05 * s.work
-    e = list(run_of("static", bar(at=1.2)))[-1]
+    for e in run_of("static", body):
+        assert peri.census(body, e.u).Z <= 1.2
     assert e.elastic < 1e-6 * e.work  # torn
     assert -0.9 * e.work < e.imbalance < 1e-9 * e.work  # what the jump has lost, never gained
 

@@ -143,6 +143,16 @@ def test_j_of_a_k_field():
     )
 
 
+def test_j_past_a_band_of_torn_elements():
+    """The crack of the K field is a slit up to 1/4 and torn elements from there to the tip: they do not count."""
+    mesh = slit(grid((1, 80), (1, 80)), Crack([[0.0, 0.5], [0.25, 0.5]]))
+    for toughness, near in ((0.02, True), (1e9, False)):  # with a law that nothing can break they spoil it
+        material = peri.Material.from_elastic(lame=LAME, toughness=toughness, density=1.5, plane="strain")
+        body = peri.Peridynamics(peri.BondBasis(vector_basis(mesh), 0.05), material)
+        found = j_integral(body, k_field(mesh), [0.5, 0.5], [1, 0], 0.4) / (K**2 * 3 / (8 * LAME))
+        assert (abs(found - 1.0) < 0.1) is near, found
+
+
 def test_j_converges():
     off = []
     for n in (20, 40, 80):
@@ -186,6 +196,7 @@ def test_j_of_two_materials():
     ("keys", "message"),
     [
         ({"radius": 0.06}, "the ring must begin a horizon, 0.05, from the tip"),
+        ({"radius": 0.55}, "the ring reaches the boundary of the body at"),
         ({"radius": 0.3, "tip": [9.0, 9.0]}, "about (9, 9) holds no elements of the body"),
     ],
 )

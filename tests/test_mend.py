@@ -99,11 +99,12 @@ def test_groups_of_skfem_itself(tmp_path, capsys):
 def test_groups_of_a_reader_in_a_process_of_its_own(tmp_path):
     """Nastran's reader may never end: what it gives back still has its groups."""
     cells = [("triangle", TWO)]
-    meshio.Mesh(np.pad(SQUARE, ((0, 0), (0, 1))), cells, cell_data={"nastran:ref": [np.array([3, 7])]}).write(
+    meshio.Mesh(np.pad(SQUARE, ((0, 0), (0, 1))), cells, cell_data={"nastran:ref": [np.array([0, 7])]}).write(
         tmp_path / "a.nas"
     )
     mesh = read_mesh(tmp_path / "a.nas")
     assert volume(mesh, "7") == pytest.approx(0.5)
+    assert list(mesh.subdomains) == ["7"]  # 0 is of no group
 
 
 def test_scale_and_join(tmp_path, caplog):
@@ -156,7 +157,9 @@ def test_neighbours_cut_their_face_alike():
         number = rng.permutation(len(p))
         moved = np.empty_like(p)
         moved[number] = p
-        mesh = mend(raw(moved, *((name, number[np.array(cells)]) for name, cells in blocks.items()))).mesh
+        turn = np.roll(np.arange(4), rng.integers(4))  # the corner that a mesher begins with is anybody's
+        turned = blocks | {"hexahedron": [*(h[[*turn, *(turn + 4)]] for h in blocks["hexahedron"][:2]), last]}
+        mesh = mend(raw(moved, *((name, number[np.array(cells)]) for name, cells in turned.items()))).mesh
         assert element_volumes(mesh).sum() == pytest.approx(3.0 + 0.5 / 3.0 + 0.5, rel=1e-12)
         outer = mesh.boundary_facets()
         middle = mesh.p[:, mesh.facets[:, outer]].mean(axis=1)
@@ -183,9 +186,12 @@ def test_elements_listed_twice():
 def test_elements_inside_out():
     found = mend(raw(SQUARE, ("triangle", [[0, 1, 2], [0, 3, 2]])))
     assert found.notes == ("1 element of 2, turned inside out, was turned back",)
-    edges = found.mesh.p[:, found.mesh.t[1:]] - found.mesh.p[:, found.mesh.t[:1]]
-    assert (np.linalg.det(np.moveaxis(edges, 2, 0)) > 0.0).all()
     assert mend(raw(SQUARE, ("triangle", TWO[:, ::-1]))).notes == ()  # all the same way round is a convention
+    solid = mend(raw(CUBE[[0, 1, 3, 4, 6]], ("tetra", [[0, 1, 2, 3], [1, 2, 4, 3], [3, 2, 1, 0]])))
+    assert solid.notes[0] == "1 element listed twice was taken once"
+    edges = solid.mesh.p[:, solid.mesh.t[1:]] - solid.mesh.p[:, solid.mesh.t[:1]]
+    assert (np.linalg.det(np.moveaxis(edges, 2, 0)) > 0.0).all()
+    assert "turned inside out" in solid.notes[1]
 
 
 def test_orphans_and_crushed_elements():

@@ -81,6 +81,8 @@ def voigt(tensors: Floats) -> Floats:
 
     >>> voigt(np.array([[[1.0, 2.0], [2.0, 3.0]]])).tolist()
     [[1.0, 3.0, 0.0, 2.0, 0.0, 0.0]]
+    >>> voigt(np.array([[[1.0, 4, 6], [4, 2, 5], [6, 5, 3]]])).tolist()
+    [[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]]
     """
     dim = tensors.shape[1]
     full = np.zeros((len(tensors), 3, 3))
