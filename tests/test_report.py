@@ -164,19 +164,20 @@ def test_reactions_are_what_the_momentum_lacks(tmp_path):
 
 
 def test_reactions_of_a_body_that_is_carried(tmp_path):
-    """All of it moves with acceleration 1: the reaction is its mass."""
+    """All of it moves with acceleration 1 against a load of -1.5: the reaction is its mass and that."""
     run(
         Scene.parse("""
         mesh = {box = [[0, 1], [0, 0.5]], divisions = [8, 4]}
         material = {young = 1.0, density = 2.0, plane = "stress", potential = "linear"}
         bonds = {horizon = 0.3}
         fixed = [{where = "1", component = "x", velocity = "t"}]
+        load = [{body = [-3.0, 0]}]
         time = {until = 1.0}
         output = {frames = 0, history = 3, pictures = false}
         """),
         tmp_path,
     )
-    assert Results.read(tmp_path).history["reaction_fixed0_x"] == pytest.approx([0.0, 1.0, 1.0], rel=1e-9)
+    assert Results.read(tmp_path).history["reaction_fixed0_x"] == pytest.approx([1.5, 2.5, 2.5], rel=1e-9)
 
 
 @pytest.mark.parametrize("more", ["", ', breaking = 1.5, compression = "elastic"'])
