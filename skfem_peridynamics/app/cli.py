@@ -122,6 +122,7 @@ def _run(arguments: argparse.Namespace) -> int:
                 ("nodes, bonds", f"{summary['nodes']}, {summary['bonds']}"),
                 ("steps, dt", f"{summary['steps']}, {summary['dt']:.6g}"),
                 ("softened bonds", f"{summary['softened_bonds']}, largest |S|/S_c {_strain(summary['largest_Z'])}"),
+                ("result", _verdict(arguments.out, summary)),
                 ("energy drift", f"{summary['energy_drift']:.2e} of the peak energy"),
                 *_implicit(summary),
                 *_estimated(summary),
@@ -132,6 +133,13 @@ def _run(arguments: argparse.Namespace) -> int:
             ]
         )
     return 0
+
+
+def _verdict(out: Path, summary: dict[str, Any]) -> str:
+    from .report import verdict
+    from .results import Results
+
+    return verdict(Results(out, summary, {}, (), summary["run"]["scene"]))
 
 
 def _implicit(summary: dict[str, Any]) -> list[tuple[str, str]]:
