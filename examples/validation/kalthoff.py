@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 from page import Page
-from scenes import read, run as run_scene
+from scenes import read
+from scenes import run as run_scene
 
 from skfem_peridynamics.analysis.crack import CRACKED
 from skfem_peridynamics.app.plot_body import plot_damage
@@ -37,13 +38,26 @@ def run(folder: Path, quick: bool = False) -> Page:
         "Angle of the cracks to the notches after 75 microseconds, as the horizon falls at five to six and a half vertices a horizon.",
     )
     rows, mean = [], {}
-    settings = [(6e-3, [100, 200])] if quick else [(4e-3, [160, 320]), (3e-3, [200, 400]), (2e-3, [320, 640]), (1.25e-3, [400, 800])]
+    settings = (
+        [(6e-3, [100, 200])]
+        if quick
+        else [(4e-3, [160, 320]), (3e-3, [200, 400]), (2e-3, [320, 640]), (1.25e-3, [400, 800])]
+    )
     for horizon, divisions in settings:
         tables = read("kalthoff.toml", mesh__divisions=divisions, bonds__horizon=horizon)
         found = run_scene(page, f"horizon {1e3 * horizon:g} mm, {divisions[0]} x {divisions[1]}", tables)
         up, down = angles(found)
         mean[horizon] = 0.5 * (up + down)
-        rows.append((1e3 * horizon, f"{divisions[0]} x {divisions[1]}", "structured", up, down, found.summary["largest_tip_speed"]))
+        rows.append(
+            (
+                1e3 * horizon,
+                f"{divisions[0]} x {divisions[1]}",
+                "structured",
+                up,
+                down,
+                found.summary["largest_tip_speed"],
+            )
+        )
     if not quick:
         plot_damage(page.picture(folder, "Damage after 75 microseconds, horizon 1.25 mm"), found.last, "", found.units)
     keep = lambda p: (p[0] < TIP + 1e-9) & (np.abs(np.abs(p[1] - 0.1) - 0.025) < 1e-9)  # noqa: E731
@@ -53,7 +67,13 @@ def run(folder: Path, quick: bool = False) -> Page:
         rows.append((3.0, "200 x 400", kind, up, down, float("nan")))
     columns = ("horizon, mm", "mesh", "kind", "upper", "lower", "fastest tip, m/s")
     page.tables.append(("Angles in degrees", columns, rows))
-    page.judge("largest difference of upper and lower angle, degrees", max(abs(r[3] - r[4]) for r in rows), 0.0, 2.0, "symmetry")
+    page.judge(
+        "largest difference of upper and lower angle, degrees",
+        max(abs(r[3] - r[4]) for r in rows),
+        0.0,
+        2.0,
+        "symmetry",
+    )
     source = "experiment about 70 degrees (Kalthoff and Winkler, 1988; Kalthoff, 2000)"
     if quick:
         page.judge("angle, coarse", mean[6e-3], 50.0, 72.0, source)

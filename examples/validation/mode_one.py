@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 from page import Page
-from scenes import read, run as run_scene
+from scenes import read
+from scenes import run as run_scene
 
 LOADS = (1.0, 2.0, 3.0, 4.0, 6.0)  # MPa
 
@@ -39,7 +40,13 @@ def run(folder: Path, quick: bool = False) -> Page:
         largest.append(found.summary["largest_tip_speed"] / rayleigh)
         rows.append((load, speeds[-1], largest[-1], int(found.history["tips"].max())))
     page.tables.append(("Speed over the Rayleigh speed", ("load, MPa", "mean", "largest", "tips"), rows))
-    page.judge("largest speed at any load over the Rayleigh speed", max(largest), 0.0, 1.0, "theory; experiments stay below 0.75")
+    page.judge(
+        "largest speed at any load over the Rayleigh speed",
+        max(largest),
+        0.0,
+        1.0,
+        "theory; experiments stay below 0.75",
+    )
     page.judge("smallest rise of the mean speed from load to load", float(np.diff(speeds).min()), 0.0, 1.0)
     keep = lambda p: np.abs(p[1] - 0.02) < 1e-9  # noqa: E731
     meshes = []
@@ -47,7 +54,13 @@ def run(folder: Path, quick: bool = False) -> Page:
         ([160, 64], "structured"), ([240, 96], "structured"), ([320, 128], "structured"),
         ([200, 80], "mirrored"), ([200, 80], "random"),
     ):  # fmt: skip
-        found = run_scene(page, f"4 MPa, {divisions[0]} x {divisions[1]}, {kind}", with_load(4.0, mesh__divisions=divisions), kind, keep)
+        found = run_scene(
+            page,
+            f"4 MPa, {divisions[0]} x {divisions[1]}, {kind}",
+            with_load(4.0, mesh__divisions=divisions),
+            kind,
+            keep,
+        )
         meshes.append((f"{divisions[0]} x {divisions[1]}", kind, speed(found.history) / rayleigh))
     page.tables.append(("The same horizon on other meshes, 4 MPa", ("mesh", "kind", "mean speed"), meshes))
     values = [row[2] for row in meshes]

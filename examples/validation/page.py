@@ -41,7 +41,9 @@ class Page:
         """Add a figure that must lie in a range; print and return it."""
         one = Figure(what, float(value), low, high, source)
         self.figures.append(one)
-        print(f"  {'holds' if one.holds else 'DOES NOT HOLD'}: {what}: {value:.4g} in [{low:.4g}, {high:.4g}]", flush=True)
+        print(
+            f"  {'holds' if one.holds else 'DOES NOT HOLD'}: {what}: {value:.4g} in [{low:.4g}, {high:.4g}]", flush=True
+        )
         return one
 
     @contextmanager

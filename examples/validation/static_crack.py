@@ -63,12 +63,20 @@ def run(folder: Path, quick: bool = False) -> Page:
         limit = 2.0 * last[rule][-1] - last[rule][-2]
         page.judge(f"K_I over the handbook's as the horizon goes to 0, {rule}", limit, 0.97, 1.03, "Tada, Paris, Irwin")
         if not quick:
-            page.judge(f"K_I over the handbook's at the smallest horizon, {rule}", last[rule][-1], 0.97, 1.03, "Tada, Paris, Irwin")
+            page.judge(
+                f"K_I over the handbook's at the smallest horizon, {rule}",
+                last[rule][-1],
+                0.97,
+                1.03,
+                "Tada, Paris, Irwin",
+            )
         page.judge(f"largest distance of two rings, {rule}", max(abs(r[3] - r[4]) for r in rows[-1:]), 0.0, 0.02)
     with page.timed("pairs, the other diagonals"):
         mirrored, _, _ = intensity(40, 4, "pairs", mirrored=True)
     page.judge("the same with the mesh mirrored, distance", abs(mirrored / exact - last["pairs"][1]), 0.0, 0.005)
-    page.tables.append(("K_I over the handbook's", ("rule", "horizon", "vertices", "ring to 0.55", "ring to 0.4"), rows))
+    page.tables.append(
+        ("K_I over the handbook's", ("rule", "horizon", "vertices", "ring to 0.55", "ring to 0.4"), rows)
+    )
     return page
 
 

@@ -84,7 +84,9 @@ def run(folder: Path, quick: bool = False) -> Page:
         limit = 2.0 * rows[-1][3] - rows[-2][3]
         page.judge(f"Rayleigh speed over the exact one, {rule}, finest", finest, 0.98, 1.02, "Rayleigh (1885)")
         page.judge(f"the same as the horizon goes to 0, {rule}", limit, 0.99, 1.01, "Rayleigh (1885)")
-    page.tables.append(("Speed of the surface wave over Rayleigh's", ("rule", "horizons a wavelength", "vertices", "ratio"), rows))
+    page.tables.append(
+        ("Speed of the surface wave over Rayleigh's", ("rule", "horizons a wavelength", "vertices", "ratio"), rows)
+    )
     bulk, off = [], {"pairs": 0.0, "ball": 0.0}
     for kind in ("P", "S"):
         for ratio in (2.0, 4.0, 8.0, 16.0):
@@ -96,7 +98,13 @@ def run(folder: Path, quick: bool = False) -> Page:
             if ratio >= 4.0:
                 off = {rule: max(off[rule], abs(found[rule] / exact - 1.0)) for rule in off}
     for rule, worst in off.items():
-        page.judge(f"bulk waves off the exact dispersion, {rule}, from 4 horizons a wavelength on", worst, 0.0, 0.02, "the symbol of the model")
+        page.judge(
+            f"bulk waves off the exact dispersion, {rule}, from 4 horizons a wavelength on",
+            worst,
+            0.0,
+            0.02,
+            "the symbol of the model",
+        )
     columns = ("wave", "horizons a wavelength", "exact", *off)
     page.tables.append(("Speed of plane waves over that of long ones, four vertices a horizon", columns, bulk))
     return page
