@@ -1,4 +1,4 @@
-"""The validation cases in coarse form: what they judge must hold; the whole is python examples/validation/run_all.py."""
+"""The validation cases, coarsely: what they judge must hold. All of it is  python examples/validation/run_all.py"""
 
 import importlib
 import sys
@@ -81,7 +81,7 @@ def test_known_figures():
 
 @pytest.mark.long
 def test_all_cases(tmp_path):
-    """Everything, within an hour: what does not hold is said on the page (the angle of Kalthoff's cracks may lack a degree)."""
+    """Everything, within an hour. The angle of Kalthoff's cracks may lack a degree, and the page says so."""
     pages = [importlib.import_module(name).run(tmp_path) for name in importlib.import_module("run_all").CASES]
     wrong = [(page.name, one.what, one.value) for page in pages for one in page.figures if not one.holds]
     assert len(wrong) <= 1, wrong

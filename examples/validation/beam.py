@@ -26,7 +26,7 @@ def with_notch(gamma: float, divisions: list[int], horizon: float, mirrored: boo
 
 
 def where(results: Results, place: float) -> tuple[float, float, float]:
-    """Return the worst damage above the notch and in the middle, and how the crack leans from the notch to the hammer."""
+    """Return the worst damage above the notch and in the middle, and how the crack leans towards the hammer."""
     body = results.last
     assert body is not None
     (x, y, _), broken = body.mesh.p, body.broken
@@ -44,8 +44,10 @@ def run(folder: Path, quick: bool = False) -> Page:
     page = Page(
         "beam",
         "A notched beam in 3D",
-        "The beam of John and Shah (1990), 229 x 76 x 25 mm of concrete (31.4 GPa, 2400 kg/m3, G_c 31.1 J/m2), struck in the middle, notched "
-        "at gamma half spans beside it: near the middle the crack grows from the notch towards the hammer, farther out from the middle "
+        "The beam of John and Shah (1990), 229 x 76 x 25 mm of concrete (31.4 GPa, 2400 kg/m3, G_c 31.1 J/m2), "
+        "struck in the middle, notched "
+        "at gamma half spans beside it: near the middle the crack grows from the notch towards the hammer, "
+        "farther out from the middle "
         "of the lower side.",
     )
     rows = []
@@ -94,7 +96,8 @@ def run(folder: Path, quick: bool = False) -> Page:
     finer = rows[-1]
     page.judge("damage above the notch, gamma = 0.7, horizon 6.35 mm", finer[4], CRACKED, 1.0, source)
     page.notes.append(
-        "The change from notch to middle comes earlier than in the experiment (0.77): a sound surface breaks when its stress reaches a strength "
+        "The change from notch to middle comes earlier than in the experiment (0.77): a sound surface breaks "
+        "when its stress reaches a strength "
         "that goes with 1/sqrt(horizon), and with a horizon of 9.5 mm concrete is weaker than it is. "
         "With one of 6.35 mm the crack at gamma = 0.7 comes from the notch, as it should."
     )

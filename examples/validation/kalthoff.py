@@ -34,8 +34,10 @@ def run(folder: Path, quick: bool = False) -> Page:
     page = Page(
         "kalthoff",
         "Kalthoff and Winkler's plate",
-        "Maraging steel, 100 x 200 mm, two notches 50 mm deep and 50 mm apart; the edge between them is pushed at 16.5 m/s. "
-        "Angle of the cracks to the notches after 75 microseconds, as the horizon falls at five to six and a half vertices a horizon.",
+        "Maraging steel, 100 x 200 mm, two notches 50 mm deep and 50 mm apart; the edge between them is pushed "
+        "at 16.5 m/s. "
+        "Angle of the cracks to the notches after 75 microseconds, as the horizon falls at five to six and a "
+        "half vertices a horizon.",
     )
     rows, mean = [], {}
     settings = (
@@ -84,8 +86,10 @@ def run(folder: Path, quick: bool = False) -> Page:
     spread = [0.5 * (r[3] + r[4]) for r in rows if r[0] == 3.0]
     page.judge("spread over three meshes at 3 mm, degrees", max(spread) - min(spread), 0.0, 3.0)
     page.notes.append(
-        f"The angle rises by {-slope * 1e-3:.1f} degrees a millimetre that the horizon is shorter. A crack that leaves a notch turns by "
-        "70.5 degrees in a field of pure mode II, where the largest hoop stress is; within a horizon of the tip there is no such field."
+        f"The angle rises by {-slope * 1e-3:.1f} degrees a millimetre that the horizon is shorter. A crack that "
+        "leaves a notch turns by "
+        "70.5 degrees in a field of pure mode II, where the largest hoop stress is; within a horizon of the "
+        "tip there is no such field."
     )
     return page
 

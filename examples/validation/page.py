@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -87,6 +87,28 @@ class Page:
         self.pictures.append((f"validation/{file}", caption))
         folder.mkdir(parents=True, exist_ok=True)
         return folder / file
+
+
+def draw_lines(
+    path: Path,
+    series: dict[str, tuple[Sequence[float], Sequence[float]]],
+    labels: tuple[str, str],
+    wanted: float | None = None,
+) -> None:
+    """Draw lines through points, and a dashed one where they should be."""
+    from skfem_peridynamics.app.plot import new_figure, save
+
+    figure = new_figure(5.6, 3.6)
+    axes = figure.add_subplot()
+    for name, (x, y) in series.items():
+        axes.plot(x, y, "o-", label=name, markersize=4)
+    if wanted is not None:
+        axes.axhline(wanted, color="0.3", linestyle="--", linewidth=1)
+    axes.set_xlabel(labels[0])
+    axes.set_ylabel(labels[1])
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False, fontsize=8)
+    save(figure, path)
 
 
 def _range(one: Figure) -> str:

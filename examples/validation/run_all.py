@@ -1,4 +1,4 @@
-"""Run all cases and write docs/validation.md with its pictures: python examples/validation/run_all.py [CASE ...] [--quick]"""
+"""Run all cases, and write docs/validation.md with its pictures; with --quick or named cases only print."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ CASES = ("waves", "toughness", "static_crack", "mode_one", "branching", "kalthof
 DOCS = Path(__file__).parent.parent.parent / "docs"
 HEAD = """# Validation
 
-What the package predicts, beside closed forms, experiments and other simulations: seven cases, each a script (and where it is a run, a
-scene) in `examples/validation/`. `python examples/validation/run_all.py` runs all and writes this page; a name runs one case and prints it.
-Error estimates in the last table of a case are the distance to the exact figure where there is one, and the energy drift of a run
-elsewhere.
+What the package predicts, beside closed forms, experiments and other simulations: seven cases, each a script (and where
+it is a run, a scene) in `examples/validation/`. `python examples/validation/run_all.py` runs all and writes this page;
+the name of a case prints that one. Error estimates in the last table of a case are the distance to the exact figure
+where there is one, and the energy drift of a run elsewhere.
 """
 
 
@@ -44,7 +44,8 @@ def main() -> int:
     print(said)
     if whole:
         rows = [
-            f"| [{p.title}](#{p.title.lower().replace(' ', '-')}) | {sum(f.holds for f in p.figures)} of {len(p.figures)} | {p.seconds:.0f} |"
+            f"| [{p.title}](#{p.title.lower().replace(' ', '-')}) | {sum(f.holds for f in p.figures)} of "
+            f"{len(p.figures)} | {p.seconds:.0f} |"
             for p in pages
         ]
         table = "\n".join(["| case | figures that hold | seconds |", "|---|---|---|", *rows])
