@@ -79,9 +79,9 @@ def run(folder: Path, quick: bool = False) -> Page:
             page.judge(f"largest distance to G_c, {where}", said["error"], 0.0, 0.03, "the model's own G_c")
             page.judge(f"largest distance to each other, {where}", max(found) - min(found), 0.0, 0.03)
     if not quick:
-        names = [name for name, _, _ in settings]
+        names = ["0", "22.5", "45", "random, 0", "random, 22.5"]
         lines = {f"{rule}, {m} a horizon": (names, found) for rule, n, m, *found in rows if n == 64}
-        draw_lines(page.picture(folder, "Energy per length over G_c, 64 x 64"), lines, ("", "over G_c"), 1.0)
+        draw_lines(page.picture(folder, "Energy per length over G_c, 64 x 64"), lines, ("degrees", "over G_c"), 1.0)
     columns = ("rule", "n", "vertices a horizon", *(name for name, _, _ in settings))
     page.tables.append(("Energy per length over G_c", columns, rows))
     page.notes.append(

@@ -33,7 +33,7 @@ def plot_damage(path: Path, body: Snapshot, title: str, units: UnitsTable) -> No
     elif dim == 2:
         wide, high = np.ptp(body.mesh.p, axis=1)
         scale = _WIDE / max(wide, high)
-        figure = new_figure(max(3.5, scale * wide) + 1.2, max(2.0, scale * high) + 0.8)
+        figure = new_figure(max(4.0, scale * wide) + 1.4, max(2.0, scale * high) + 0.8)
         axes = figure.add_subplot()
         shades = _map(axes, body)
         axes.set_xlabel(_axis("x", units))
