@@ -53,7 +53,8 @@ class Page:
         start = time.perf_counter()
         yield said
         self.runs.append((what, time.perf_counter() - start, int(said["steps"]), said["error"]))
-        print(f"  {what}: {self.runs[-1][1]:.1f} s, {self.runs[-1][2]} steps", flush=True)
+        error = _cell(said["error"]) or "none"
+        print(f"  {what}: {self.runs[-1][1]:.1f} s, {self.runs[-1][2]} steps, error estimate {error}", flush=True)
 
     @property
     def holds(self) -> bool:
