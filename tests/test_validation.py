@@ -55,13 +55,19 @@ def test_scenes_are_changed_by_their_keys(tmp_path):
     assert tables["crack"][1]["points"] == [[0.0, 1.0]]
     assert read("kalthoff.toml")["bonds"]["horizon"] == 4e-3
     box, divisions = [[0.0, 1.0], [0.0, 2.0]], [4, 8]
-    for kind in ("mirrored", "random"):
+    for kind in ("crossed", "random"):
         mesh_file(tmp_path / "a.vtu", box, divisions, kind, lambda p: np.abs(p[1] - 1.0) < 1e-9)
-        p = meshio.read(tmp_path / "a.vtu").points
+        content = meshio.read(tmp_path / "a.vtu")
+        p, t = content.points, content.cells[0].data
+        area = np.abs(np.linalg.det((p[t][:, 1:] - p[t][:, :1])[:, :, :2])) / 2
+        assert area.min() > 0.01
+        assert area.sum() == pytest.approx(2.0)
+        rising = ((p[t] - np.roll(p[t], 1, axis=1))[:, :, :2].prod(axis=2) > 1e-3).any(axis=1)
+        assert kind != "crossed" or rising.sum() == 32  # of 64: every other cell
         assert p.min(axis=0).tolist()[:2] == [0.0, 0.0]
         assert p.max(axis=0).tolist()[:2] == [1.0, 2.0]
         assert (np.abs(p[:, 1] - 1.0) < 1e-9).sum() == 5
-        assert (np.abs(p[:, 1] - 1.25) < 1e-9).sum() == (5 if kind == "mirrored" else 2)
+        assert (np.abs(p[:, 1] - 1.25) < 1e-9).sum() == (5 if kind == "crossed" else 2)
 
 
 def test_known_figures():

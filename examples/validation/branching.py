@@ -94,7 +94,7 @@ def run(folder: Path, quick: bool = False) -> Page:
         ([300, 120], "structured"),
         ([400, 160], "structured"),
         ([500, 200], "structured"),
-        ([400, 160], "mirrored"),
+        ([400, 160], "crossed"),
         ([400, 160], "random"),
     ):
         found = run_scene(

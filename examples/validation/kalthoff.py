@@ -63,7 +63,7 @@ def run(folder: Path, quick: bool = False) -> Page:
     if not quick:
         plot_damage(page.picture(folder, "Damage after 75 microseconds, horizon 1 mm"), found.last, "", found.units)
     keep = lambda p: (p[0] < TIP + 1e-9) & (np.abs(np.abs(p[1] - 0.1) - 0.025) < 1e-9)  # noqa: E731
-    for kind in () if quick else ("mirrored", "random"):
+    for kind in () if quick else ("crossed", "random"):
         tables = read("kalthoff.toml", mesh__divisions=[200, 400], bonds__horizon=3e-3)
         up, down = angles(run_scene(page, f"horizon 3 mm, {kind}", tables, kind, keep))
         rows.append((3.0, "200 x 400", kind, up, down, float("nan")))

@@ -55,7 +55,7 @@ def run(folder: Path, quick: bool = False) -> Page:
     meshes = []
     for divisions, kind in (
         ([160, 64], "structured"), ([240, 96], "structured"), ([320, 128], "structured"),
-        ([200, 80], "mirrored"), ([200, 80], "random"),
+        ([200, 80], "crossed"), ([200, 80], "random"),
     ):  # fmt: skip
         found = run_scene(
             page,

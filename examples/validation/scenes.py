@@ -30,21 +30,35 @@ def read(name: str, **changes: Any) -> dict[str, Any]:
     return tables
 
 
-def mesh_file(path: Path, box: list[list[float]], divisions: list[int], kind: str, keep: Any) -> None:
-    """Write the mesh of a box whose diagonals run the other way, or whose inner vertices are moved at random.
+def box_mesh(box: list[list[float]], divisions: list[int], kind: str, keep: Any = None) -> skfem.MeshTri:
+    """Return the mesh of a box with diagonals one way and the other in turn (crossed), or moved vertices (random).
 
     ``keep(x)`` is true for the vertices that stay: those on cracks.
     """
-    grid = [np.linspace(low, high, n + 1) for (low, high), n in zip(box, divisions, strict=True)]
-    mesh = skfem.MeshTri.init_tensor(*grid)
-    p, t = mesh.p.copy(), mesh.t
-    (low, high), h = box[0], grid[0][1] - grid[0][0]
-    if kind == "mirrored":
-        p[0] = low + high - p[0]
+    x, y = (np.linspace(low, high, n + 1) for (low, high), n in zip(box, divisions, strict=True))
+    mesh = skfem.MeshTri.init_tensor(x, y)
     if kind == "random":
+        p = mesh.p.copy()
         stays = keep(p) | np.isin(np.arange(p.shape[1]), mesh.boundary_nodes())
-        p += np.random.default_rng(2).uniform(-0.22, 0.22, p.shape) * h * ~stays
-    meshio.Mesh(np.pad(p.T, ((0, 0), (0, 1))), [("triangle", t.T)]).write(path)
+        p += np.random.default_rng(2).uniform(-0.22, 0.22, p.shape) * (x[1] - x[0]) * ~stays
+        return skfem.MeshTri(p, mesh.t)
+    i, j = (one.ravel() for one in np.meshgrid(np.arange(len(x) - 1), np.arange(len(y) - 1)))
+    corner = [(j + b) * len(x) + i + a for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    rising, falling = ((0, 1, 2), (0, 2, 3)), ((0, 1, 3), (1, 2, 3))
+    odd = (i + j) % 2 == 1
+    some = [
+        np.stack([np.where(odd, corner[b], corner[a]) for a, b in zip(one, other, strict=True)])
+        for one, other in zip(rising, falling, strict=True)
+    ]
+    t = np.concatenate(some, axis=1)
+    X, Y = np.meshgrid(x, y)
+    return skfem.MeshTri(np.stack([X.ravel(), Y.ravel()]), t)
+
+
+def mesh_file(path: Path, box: list[list[float]], divisions: list[int], kind: str, keep: Any) -> None:
+    """Write such a mesh into a file."""
+    mesh = box_mesh(box, divisions, kind, keep)
+    meshio.Mesh(np.pad(mesh.p.T, ((0, 0), (0, 1))), [("triangle", mesh.t.T)]).write(path)
 
 
 def run(page: Page, what: str, tables: dict[str, Any], kind: str = "structured", keep: Any = None) -> Results:
