@@ -91,8 +91,8 @@ def test_columns_of_what_is_measured(torn):
     assert summary["crack_length"] == history["crack_length"][-1]
     slopes = [np.polyfit(history["t"][k : k + 5], history["crack_reach"][k : k + 5], 1)[0] for k in range(40)]
     assert summary["largest_tip_speed"] == pytest.approx(max(slopes))
-    assert summary["energy_per_crack_length"] == pytest.approx(1e-3, rel=0.5)
-    assert summary["energy_per_crack_area"] == pytest.approx(1e-3, rel=0.2)
+    assert summary["energy_per_crack_length"] == pytest.approx(1e-3, rel=0.15)  # 1.12e-3: partly opened bonds beside it
+    assert summary["energy_per_crack_area"] == pytest.approx(1e-3, rel=0.05)  # 0.976e-3
     assert summary["elastic"]["toughness"] == pytest.approx(1e-3)
 
 
@@ -116,7 +116,7 @@ def test_probes_are_fields_at_points(torn):
     probe = results.history["probe_gauge_ux"][-1]
     assert min(between, beside) <= probe <= max(between, beside)
     moved = np.trapezoid(results.history["probe_gauge_vx"], results.history["t"])
-    assert moved == pytest.approx(probe, rel=0.1)  # twenty rows of a motion that rings
+    assert moved == pytest.approx(probe, rel=0.01)  # 8e-4 off: a motion that rings, in 44 rows
 
 
 def test_reactions_of_a_body_at_rest(tmp_path):

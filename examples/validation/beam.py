@@ -102,7 +102,3 @@ def run(folder: Path, quick: bool = False) -> Page:
         "With one of 6.35 mm the crack at gamma = 0.7 comes from the notch, as it should."
     )
     return page
-
-
-if __name__ == "__main__":
-    print(run(Path("out")).markdown())

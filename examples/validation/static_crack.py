@@ -89,7 +89,3 @@ def run(folder: Path, quick: bool = False) -> Page:
         ("K_I over the handbook's", ("rule", "horizon", "vertices", "ring to 0.55", "ring to 0.4"), rows)
     )
     return page
-
-
-if __name__ == "__main__":
-    print(run(Path("out")).markdown())

@@ -9,6 +9,7 @@ import skfem
 from page import Page, draw_lines
 
 import skfem_peridynamics as peri
+from skfem_peridynamics.model.kernels import Block
 
 HALF, WINDOW = 0.8, 0.6  # half of the body's side; the crack is weighed by cos^2 out to there
 RULES = ("pairs", "balanced pairs", "ball")
@@ -41,7 +42,7 @@ def energy_per_length(mesh: skfem.MeshTri, horizon: float, angle: float, rule: s
     u = (1e4 * above[:, None] * across).ravel()
     place = bonds.samples.take(mesh.p.T) @ along
 
-    def look(block, T):  # type: ignore[no-untyped-def]
+    def look(block: Block, T: np.ndarray) -> float:
         middle = 0.5 * (block.part.near(place) + block.part.far(place))
         weight = np.cos(0.5 * np.pi * np.clip(middle / WINDOW, -1.0, 1.0)) ** 2
         return float((block.k * block.law.energy(T)) @ weight)
@@ -92,7 +93,3 @@ def run(folder: Path, quick: bool = False) -> Page:
         "inside the row of elements that a crack in a P1 field is. Cracks are for vertex pairs, which are the default."
     )
     return page
-
-
-if __name__ == "__main__":
-    print(run(Path("out")).markdown())

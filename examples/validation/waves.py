@@ -124,7 +124,3 @@ def run(folder: Path, quick: bool = False) -> Page:
     columns = ("wave", "horizons a wavelength", "exact", *off)
     page.tables.append(("Speed of plane waves over that of long ones, four vertices a horizon", columns, bulk))
     return page
-
-
-if __name__ == "__main__":
-    print(run(Path("out")).markdown())

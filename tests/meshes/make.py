@@ -60,6 +60,13 @@ def write(name: str, version: float = 4.1, binary: bool = False) -> None:
     gmsh.write(str(HERE / name))
 
 
+def name_only(path: Path) -> None:
+    """Gmsh puts the whole path under the heading of an Abaqus file: leave the name."""
+    lines = path.read_text().split("\n")
+    lines[1] = f" {path.stem}"
+    path.write_text("\n".join(lines))
+
+
 def fresh(what: str) -> None:
     gmsh.clear()
     gmsh.model.add(what)
@@ -78,6 +85,7 @@ def main() -> None:
     write("plate_41.msh")
     write("plate_41_binary.msh", binary=True)
     write("plate.inp")
+    name_only(HERE / "plate.inp")
     gmsh.model.mesh.setOrder(2)
     write("plate_quadratic.msh")
     fresh("mixed")
