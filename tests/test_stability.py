@@ -7,11 +7,14 @@ import pytest
 
 import skfem_peridynamics as peri
 from bodies import body_on, box
+from skfem_peridynamics.analysis.motion import unit_box
 from skfem_peridynamics.app.auto import choose
 from skfem_peridynamics.app.cli import main
 from skfem_peridynamics.app.stability_report import allowed, as_markdown, nearness
 from skfem_peridynamics.geometry.simplices import edge_of_volume
+from skfem_peridynamics.model.space import vector_basis
 from skfem_peridynamics.stability import cases, oracles
+from skfem_peridynamics.stability.bodies import ball
 from skfem_peridynamics.stability.book import Book, Verdict, told
 from skfem_peridynamics.stability.geometry import graded_axis, meshes
 
@@ -225,6 +228,61 @@ def test_a_step_beyond_the_limit_for_certain_is_told_from_one_that_may_be():
     assert not limit.exceeded(limit.dt)
     assert not limit.exceeded(0.999 * exact)
     assert limit.exceeded(1.001 * exact)
+
+
+@pytest.mark.parametrize("law", [peri.Exponential, peri.Rational])
+@pytest.mark.parametrize("limit", [1e-250, 1.0, 1e250])
+def test_laws_overflow_nowhere(law, limit):
+    """By themselves, where no one looks away: values, forces and tangents of strains from 1e-300 to 1e150."""
+    made = law(1.0, limit)
+    T = np.r_[0.0, np.geomspace(1e-300, 1e150, 91)]
+    with np.errstate(over="raise", invalid="raise", divide="raise"):
+        energy, gradient, hessian = made.energy(T), made.gradient(T), made.hessian(T)
+    for what in (energy, gradient, hessian):
+        assert np.isfinite(what).all()
+    assert (np.diff(energy) >= 0.0).all()
+    assert energy.max() <= limit
+    assert hessian[0] == 2.0
+    if limit <= 1.0:
+        assert energy[-1] == pytest.approx(limit, rel=1e-12)
+        assert abs(gradient[-1]) < 1e-100
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_sizes_scale_with_the_same_bits(dim):
+    volume = np.random.default_rng(0).uniform(0.1, 10.0, 1000)
+    edge = edge_of_volume(volume, dim)
+    np.testing.assert_allclose(edge**dim, volume, rtol=1e-14)
+    for power in (-340, -40, -3, 1, 17, 300):
+        assert (edge_of_volume(volume * 2.0 ** (power * dim), dim) == edge * 2.0**power).all()
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("rule", ["pairs", "gauss pairs", "balls"])
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_powers_of_two_in_the_units_keep_the_bits(dim, rule, compiled):
+    made_by = {"pairs": peri.PairRule(), "gauss pairs": peri.PairRule(points="gauss"), "balls": ball(dim)}[rule]
+
+    def quantities(length, stress):
+        mesh = unit_box(dim, {1: 12, 2: 6, 3: 3}[dim], "random")
+        mesh = type(mesh)(mesh.p * length, mesh.t)
+        bonds = peri.BondBasis(vector_basis(mesh), 0.6 * length, influence="gaussian", rule=made_by)
+        body = peri.Peridynamics(bonds, peri.Exponential(2.0 * stress, 0.3 * stress * length), compiled=compiled)
+        u = 0.05 * length * np.sin(np.arange(body.basis.N))
+        volume = length**dim
+        return {
+            "weight": bonds.weight / (volume * volume),
+            "measure": bonds.measure() * length / volume,
+            "energy": body.energy(u) / (stress * volume),
+            "force": body.force(u) * length / (stress * volume),
+            "stiffness": body.stiffness().data * length**2 / (stress * volume),
+        }
+
+    plain = quantities(1.0, 1.0)
+    # strains are scaled by the root of the length: its bits stay with even powers
+    for length, stress in ((2.0**10, 2.0**-21), (2.0**-40, 2.0**38), (4.0, 1.0)):
+        for name, scaled in quantities(length, stress).items():
+            assert np.array_equal(scaled, plain[name]), (name, length)
 
 
 @pytest.mark.parametrize("law", [peri.Exponential, peri.Rational])

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from .._scaling import whole_power
 from .._types import Basis, Floats, Longs, Mesh
 from ..geometry.layers import boundary_function
 from ..geometry.simplices import check_simplices
@@ -125,7 +126,7 @@ class BondBasis(FormBasis):
     @property
     def prefactor(self) -> float:
         """``c = 1 / (horizon^(d+1) omega_d)`` in front of the double integral."""
-        return float(1.0 / (self.horizon ** (self.dim + 1) * UNIT_BALL[self.dim]))
+        return float(1.0 / (whole_power(self.horizon, self.dim + 1) * UNIT_BALL[self.dim]))
 
     @cached_property
     def samples(self) -> Samples:

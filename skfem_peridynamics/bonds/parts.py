@@ -13,6 +13,7 @@ from typing import TypeAlias
 import numpy as np
 import scipy.sparse as sparse
 
+from .._scaling import whole_power
 from .._types import Bools, Csr, Floats, Ints, Longs
 from ..geometry.rays import Tracer
 from .samples import Samples
@@ -137,7 +138,7 @@ class Fan:
     def weights(self, reach: Floats, volume: Floats) -> Floats:
         """Return the weights of the bonds on rays (n, ndir) from sites of some volume (n,), (n, ndir, nrad)."""
         share = self.shares[self.is_cut(reach).astype(np.intp), np.arange(len(self.directions))]
-        share *= (volume[:, None] * reach ** self.directions.shape[1])[:, :, None]
+        share *= (volume[:, None] * whole_power(reach, self.directions.shape[1]))[:, :, None]
         return share
 
 

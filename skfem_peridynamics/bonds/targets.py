@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._scaling import whole_power
 from .._types import Bools, Floats
 from ..geometry.layers import distance_to_facets
 from ..geometry.rays import Tracer
@@ -93,12 +94,12 @@ def moment_targets(bonds: BondBasis) -> Targets:
             )
             weight = np.where(
                 is_cut[:, None],
-                W_cut * influence(s) * ((rays.reach / eps) ** dim)[:, None],
+                W_cut * influence(s) * (whole_power(rays.reach / eps, dim))[:, None],
                 np.broadcast_to(W, s.shape),
             )
             own = np.einsum("nc,nc->n", nodal[sites.vertices[site]], sites.values[site])
             along = (at * weight).sum(axis=1) * np.repeat(own, k)
-        inner = along.reshape(n, k) @ directional * (2.0 * eps**dim * sites.volume[site])[:, None]
+        inner = along.reshape(n, k) @ directional * (2.0 * whole_power(eps, dim) * sites.volume[site])[:, None]
         for corner in range(dim + 1):
             part = sites.values[site, corner, None] * inner
             for column in range(len(three)):

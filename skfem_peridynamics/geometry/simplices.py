@@ -8,6 +8,7 @@ from math import factorial
 
 import numpy as np
 
+from .._scaling import cube_root
 from .._types import Floats, Ints, Longs, Mesh
 
 _CHUNK = 1 << 16  # elements looked at together
@@ -95,12 +96,13 @@ def vertex_volumes(mesh: Mesh, density: Floats | None = None) -> Floats:
 
 
 def edge_of_volume(volume: Floats, dim: int) -> Floats:
-    """Return the edges of cubes of some volumes; scaled by a power of two, the same bits.
+    """Return the edges of cubes of some volumes; lengths scaled by a power of two, they have the same bits.
 
-    >>> edge_of_volume(np.array([8.0, 27.0]), 3).tolist()
+    >>> edge_of_volume(np.array([8.0, 27.0]), 3).round(12).tolist()
     [2.0, 3.0]
     """
-    edge: Floats = volume if dim == 1 else np.sqrt(volume) if dim == 2 else np.cbrt(volume)
+    # a square root is rounded correctly on every processor; a cube root is not
+    edge: Floats = volume if dim == 1 else np.sqrt(volume) if dim == 2 else cube_root(volume)
     return edge
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .._scaling import whole_power
 from .._types import Floats, Ints, Longs
 from ..bonds.bond_basis import BondBasis
 from ..bonds.parts import BallPart
@@ -160,7 +161,7 @@ class BallField:
         r = np.concatenate([np.tile(fan.horizon * fan.nodes[0], (ndir, 1)), reach[cut][:, None] * fan.nodes[1]])
         vectors = aligned(len(way) * nrad, 4)
         vectors[:, :dim] = (way[:, None, :] * r[:, :, None]).reshape(-1, dim)
-        np.divide(1.0, r.ravel() ** 3, out=vectors[:, 3], where=r.ravel() > 0.0)
+        np.divide(1.0, whole_power(r.ravel(), 3), out=vectors[:, 3], where=r.ravel() > 0.0)
         return code.ravel(), vectors
 
     @cached_property
