@@ -182,7 +182,7 @@ BAD = {
     ),
     "mass scaling": (
         GOOD.replace("until = 0.5", "until = 0.5, mass_scaling = 10"),
-        "time: mass_scaling = 10: there is none, for it buys a longer step with another motion; take scheme",
+        "time.mass_scaling = 10: there is none, for it buys a longer step with another motion; take scheme",
     ),
     "lattice": (
         GOOD.replace("bonds = {horizon = 0.13}", "bonds = {horizon = 0.063, partial_volume = false}"),

@@ -1,6 +1,7 @@
 """The stability report: every case holds when quick, what does not hold is told, the oracles stand by themselves."""
 
 import csv
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -17,6 +18,18 @@ from skfem_peridynamics.stability import cases, oracles
 from skfem_peridynamics.stability.bodies import ball
 from skfem_peridynamics.stability.book import Book, Verdict, told
 from skfem_peridynamics.stability.geometry import graded_axis, meshes
+
+
+def smallest_angle(mesh):
+    """Return the smallest angle of the triangles of a mesh, in degrees."""
+    least = 180.0
+    for i, j in combinations(range(3), 2):
+        k = 3 - i - j
+        a, b = (mesh.p[:, mesh.t[end]] - mesh.p[:, mesh.t[k]] for end in (i, j))
+        cos = (a * b).sum(axis=0) / np.sqrt((a * a).sum(axis=0) * (b * b).sum(axis=0))
+        sin = np.abs(a[0] * b[1] - a[1] * b[0]) / np.sqrt((a * a).sum(axis=0) * (b * b).sum(axis=0))
+        least = min(least, float(np.degrees(np.arctan2(sin, cos)).min()))
+    return least
 
 
 def test_every_case_holds_when_quick(tmp_path, capsys):
@@ -134,8 +147,8 @@ def test_the_meshes_are_as_extreme_as_they_say():
     found = {name: (mesh, horizon) for name, mesh, horizon in meshes(quick=False)}
     h = np.diff(np.sort(found["1D, two vertices 1e-9 apart"][0].p[0]))
     assert h.min() / h.max() < 1.01e-9
-    assert oracles.smallest_angle(found["2D, slivers of 0.1 degrees"][0]) == pytest.approx(0.1, rel=1e-3)
-    assert oracles.smallest_angle(box(2, 2)) == pytest.approx(45.0)
+    assert smallest_angle(found["2D, slivers of 0.1 degrees"][0]) == pytest.approx(0.1, rel=1e-3)
+    assert smallest_angle(box(2, 2)) == pytest.approx(45.0)
     h = np.diff(graded_axis(16, 1e4))
     assert h.max() / h.min() == pytest.approx(1e4)
     assert found["3D, horizon = 1000 bodies"][1] == 1e3
@@ -283,33 +296,6 @@ def test_powers_of_two_in_the_units_keep_the_bits(dim, rule, compiled):
     for length, stress in ((2.0**10, 2.0**-21), (2.0**-40, 2.0**38), (4.0, 1.0)):
         for name, scaled in quantities(length, stress).items():
             assert np.array_equal(scaled, plain[name]), (name, length)
-
-
-@pytest.mark.parametrize("law", [peri.Exponential, peri.Rational])
-@pytest.mark.parametrize("limit", [1e-250, 1.0, 1e250])
-def test_laws_overflow_nowhere(law, limit):
-    """By themselves, where no one looks away: values, forces and tangents of strains from 1e-300 to 1e150."""
-    made = law(1.0, limit)
-    T = np.r_[0.0, np.geomspace(1e-300, 1e150, 91)]
-    with np.errstate(over="raise", invalid="raise", divide="raise"):
-        energy, gradient, hessian = made.energy(T), made.gradient(T), made.hessian(T)
-    for what in (energy, gradient, hessian):
-        assert np.isfinite(what).all()
-    assert (np.diff(energy) >= 0.0).all()
-    assert energy.max() <= limit
-    assert hessian[0] == 2.0
-    if limit <= 1.0:
-        assert energy[-1] == pytest.approx(limit, rel=1e-12)
-        assert abs(gradient[-1]) < 1e-100
-
-
-@pytest.mark.parametrize("dim", [1, 2, 3])
-def test_sizes_scale_with_the_same_bits(dim):
-    volume = np.random.default_rng(0).uniform(0.1, 10.0, 1000)
-    edge = edge_of_volume(volume, dim)
-    np.testing.assert_allclose(edge**dim, volume, rtol=1e-14)
-    for power in (-40, -3, 1, 17):
-        assert (edge_of_volume(volume * 2.0 ** (power * dim), dim) == edge * 2.0**power).all()
 
 
 @pytest.mark.parametrize("law", [peri.Exponential, peri.Rational])

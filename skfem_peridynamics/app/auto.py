@@ -18,7 +18,7 @@ from ..bonds.rules import PairRule
 from ..geometry.simplices import vertex_volumes
 
 if TYPE_CHECKING:
-    from ..analysis.study import Row
+    pass
 
 BALANCED_PAIRS = Scheme(PairRule(), balanced=True)
 CANDIDATES: dict[int, tuple[Scheme, ...]] = {
@@ -75,12 +75,6 @@ def table() -> tuple[Measured, ...]:
         )
         for x in lines
     )
-
-
-def of_row(row: Row) -> Measured:
-    """Return what a run of a study adds to the table."""
-    setup, step = row.seconds_setup / row.nodes, row.seconds_steps / row.nodes / row.steps
-    return Measured(row.dim, row.mesh, row.scheme, row.per_horizon, row.error_l2, setup, step)
 
 
 def per_horizon(mesh: Mesh, horizon: float) -> float:

@@ -32,7 +32,10 @@ def table(kind: type[_T]) -> Callable[[Any, str], _T]:
             raise SceneError(f"{path} = {value!r} must be a table")
         fields = {field.name: field for field in dataclasses.fields(kind) if field.metadata}  # type: ignore[arg-type]
         dot = f"{path}." if path else ""
+        refused: Mapping[str, str] = getattr(kind, "refused", {})  # keys that other codes have, and why not here
         for name in value:
+            if name in refused:
+                raise SceneError(f"{dot}{name} = {value[name]!r}: {refused[name]}")
             if name not in fields:
                 near = get_close_matches(str(name), fields, n=1)
                 hint = f"did you mean {near[0]!r}?" if near else f"the keys there are {', '.join(fields)}"

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from .formula import Formula
 from .reading import (
@@ -19,7 +19,6 @@ from .reading import (
     flag,
     interval,
     key,
-    number,
     numbers,
     positive,
     table,
@@ -119,14 +118,13 @@ class TimeTable:
     beta: float | None = key(positive, None)
     gamma: float | None = key(positive, None)
     steps: int | None = key(count, None)
-    mass_scaling: float | None = key(number, None)
+
+    refused: ClassVar[Mapping[str, str]] = {
+        "mass_scaling": "there is none, for it buys a longer step with another motion; "
+        'take scheme = "newmark", or "static" where inertia does not matter'
+    }
 
     def __post_init__(self) -> None:
-        if self.mass_scaling is not None:
-            raise ValueError(
-                f"mass_scaling = {self.mass_scaling:g}: there is none, for it buys a longer step with another motion; "
-                'take scheme = "newmark", or "static" where inertia does not matter'
-            )
         if self.scheme == "auto" and self.mass is not None:
             raise ValueError(f"mass = {self.mass!r} does not go with scheme = 'auto', which chooses it")
         mine = {

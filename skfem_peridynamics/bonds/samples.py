@@ -135,35 +135,6 @@ def gauss_samples(mesh: Mesh, with_vertices: bool, order: int = 2) -> Samples:
     )
 
 
-def fine_samples(mesh: Mesh, levels: int, elements: Longs) -> Samples:
-    """Return Gauss points of order 2 in some elements, each subdivided so many times, as outer points.
-
-    >>> import skfem
-    >>> s = fine_samples(skfem.MeshTri(), levels=2, elements=np.array([0]))
-    >>> len(s.sites), round(float(s.volume.sum()), 12)
-    (48, 0.5)
-    """
-    from skfem.quadrature import get_quadrature
-
-    X, W = get_quadrature(mesh.elem, 2)
-    reference = type(mesh).init_refdom().refined(levels) if levels else type(mesh).init_refdom()
-    share = element_volumes(reference) / element_volumes(reference).sum()
-    inside, *_ = _in_elements(reference, X, W, np.arange(reference.nelements))
-    points, vertices, values, volume = _in_elements(mesh, inside, np.outer(share, W).ravel(), elements)
-    n = len(volume)
-    return Samples(
-        points=np.ascontiguousarray(points.T),
-        vertices=vertices.astype(np.int32),
-        values=values,
-        sites=np.arange(n),
-        volume=volume,
-        size=edge_of_volume(volume, int(mesh.dim())),
-        element=np.repeat(elements, len(volume) // max(1, len(elements))),
-        place=np.full(int(mesh.nvertices), -1, dtype=np.int64),
-        nvertices=int(mesh.nvertices),
-    )
-
-
 def _in_elements(mesh: Mesh, X: Floats, W: Floats, elements: Longs) -> tuple[Floats, Longs, Floats, Floats]:
     """Points (dim, n), vertices and P1 values (n, dim + 1) and volumes (n,) of a reference rule in some elements."""
     value = np.vstack([1.0 - X.sum(axis=0), X])  # (dim + 1, npoints)

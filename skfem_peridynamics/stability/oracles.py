@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import combinations
 from math import factorial, gamma, pi
 
 import numpy as np
@@ -83,15 +82,3 @@ def zero_modes(K: Floats) -> int:
     scale = 1.0 / np.sqrt(np.diag(K))
     lam = np.linalg.eigvalsh(scale[:, None] * K * scale)
     return int((np.abs(lam) < 1e-12 * len(lam)).sum())
-
-
-def smallest_angle(mesh: Mesh) -> float:
-    """Return the smallest angle of the triangles of a mesh, in degrees."""
-    least = 180.0
-    for i, j in combinations(range(3), 2):
-        k = 3 - i - j
-        a, b = (mesh.p[:, mesh.t[one]] - mesh.p[:, mesh.t[k]] for one in (i, j))
-        cos = (a * b).sum(axis=0) / np.sqrt((a * a).sum(axis=0) * (b * b).sum(axis=0))
-        sin = np.abs(a[0] * b[1] - a[1] * b[0]) / np.sqrt((a * a).sum(axis=0) * (b * b).sum(axis=0))
-        least = min(least, float(np.degrees(np.arctan2(sin, cos)).min()))
-    return least
