@@ -41,4 +41,5 @@ def cube_root(x: Floats) -> Floats:
     rest = np.ldexp(mantissa, exponent - 3 * thirds)  # in [1/2, 4): the same number whatever the power of 8
     root = np.cbrt(rest)
     root -= (root * root * root - rest) / (3.0 * root * root)  # a step of Newton's: to about one unit on any processor
-    return np.ldexp(root, thirds)
+    scaled: Floats = np.ldexp(root, thirds)
+    return scaled

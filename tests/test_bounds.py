@@ -15,9 +15,9 @@ from skfem_peridynamics.analysis.bounds import (
     symbol_supremum,
 )
 from skfem_peridynamics.analysis.manufactured import Manufactured
+from skfem_peridynamics.analysis.motion import law_of
 from skfem_peridynamics.analysis.velocity import velocity_equation
 from skfem_peridynamics.app import theorems
-from skfem_peridynamics.app.studies import law_of
 
 
 def test_constants_of_the_lipschitz_bound():

@@ -8,7 +8,7 @@ from math import pi
 import numpy as np
 
 from .._types import Basis, Floats, Load, Mesh
-from ..material.potential import Potential
+from ..material.potential import Exponential, Linear, Potential
 from ..model.space import vector_basis
 from ..solve.constraints import Prescribed
 
@@ -98,3 +98,13 @@ class Motion(ABC):
             miss = np.sqrt(((got - amplitude * true) ** 2 * basis.dx).sum())
             out.append(float(miss / (scale * np.sqrt((true**2 * basis.dx).sum()))))
         return out[0], out[1]
+
+
+_SOFTENING = 0.3  # b r S^2 at the largest strain: the force of the stiffest bond is a quarter below the linear one
+
+
+def law_of(dim: int, horizon: float, linear: bool = False) -> Potential:
+    """Return a law whose pressure waves have speed 1 at density 1, softened by the motion of the study."""
+    slope = (dim + 2.0) * (dim + 1.0) / 6.0  # lambda = 1/3
+    b = _SOFTENING / (dim * np.pi**2 * horizon)
+    return Linear(slope) if linear else Exponential(slope, slope / b)

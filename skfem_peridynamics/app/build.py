@@ -36,7 +36,6 @@ from .scene import Scene, Where
 
 if TYPE_CHECKING:
     from .auto import Choice
-    from .measures import Measure
 
 _log = logging.getLogger("skfem_peridynamics")
 _MOST_STEPS = 1e10
@@ -268,13 +267,6 @@ class Problem:
     def vertices(self, where: Where, path: str) -> Longs:
         """Return the vertices a table selects. Raises :class:`SceneError` when there are none."""
         return conditions.vertices(self.mesh, where, path)
-
-    @cached_property
-    def measures(self) -> list[Measure]:
-        """What is measured for the history besides energies."""
-        from .measures import measures
-
-        return measures(self)
 
     @cached_property
     def fixed(self) -> list[Prescribed]:

@@ -9,6 +9,7 @@ from ..material.influence import as_influence
 from .build import Problem
 from .cost import PER_IMPLICIT_STEP, PRODUCTS, worth_compiling
 from .march import march, notes
+from .measures import measures
 from .memory import free_memory
 from .meshes import blame
 from .scene import Scene
@@ -31,8 +32,9 @@ def check(scene: Scene) -> list[tuple[str, str]]:
     """
     problem = Problem(scene)
     dim, time = problem.mesh.dim(), scene.time
-    for part in ("load", "fixed", "u0", "v0", "measures"):
+    for part in ("load", "fixed", "u0", "v0"):
         getattr(problem, part)
+    measures(problem)
     for k, table in enumerate(scene.no_fail):
         problem.vertices(table, f"no_fail[{k}]")
     influence = as_influence(scene.bonds.influence)

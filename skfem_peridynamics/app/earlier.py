@@ -17,6 +17,7 @@ from ..solve.watch import Watch
 from .build import Problem
 from .checkpoint import Checkpoint, DamagedCheckpoint, latest
 from .identity import differences
+from .measures import measures
 from .reading import LARGEST, SceneError
 from .record import columns
 
@@ -97,7 +98,8 @@ def go_on(checkpoint: Checkpoint, problem: Problem, clock: Clock, watch: Watch) 
         vectors = [getattr(state, name, None) for name in ("u", "v", "a", "reaction", "change")]
         vectors += [state.memory.tangent] if state.memory is not None else []
         whole = all(x is None or (len(x) == size and bool((np.abs(x) <= LARGEST).all())) for x in vectors)
-        if not whole or any(len(row) != len(columns(problem)) for row in checkpoint.rows):
+        width = len(columns(measures(problem)))
+        if not whole or any(len(row) != width for row in checkpoint.rows):
             raise ValueError("its vectors or rows do not fit the body")
         clock.add({str(name): float(value) for name, value in facts["seconds"].items()})
         watch.peak = float(facts["peak"])

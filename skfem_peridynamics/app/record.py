@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 import time
+from collections.abc import Sequence
 from math import ceil, floor
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from ..solve.watch import Watch
 from .build import Problem
 from .checkpoint import Checkpoint, write_checkpoint
 from .files import OutputError
+from .measures import Measure
 from .output import Frames, History, clear, frame_name
 from .progress import Progress
 from .reading import SceneError
@@ -40,9 +42,9 @@ COLUMNS = (
 )
 
 
-def columns(problem: Problem) -> tuple[str, ...]:
-    """Return the columns of the history of a problem."""
-    return COLUMNS + tuple(name for one in problem.measures for name in one.columns)
+def columns(measured: Sequence[Measure]) -> tuple[str, ...]:
+    """Return the columns of a history: energies, and what is measured besides."""
+    return COLUMNS + tuple(name for measure in measured for name in measure.columns)
 
 
 class Marks:
@@ -75,6 +77,7 @@ class Record:
     def __init__(
         self,
         problem: Problem,
+        measured: Sequence[Measure],
         out: Path,
         steps: int,
         clock: Clock,
@@ -99,8 +102,8 @@ class Record:
             clear(out, times)
         except OSError as error:
             raise OutputError(out, error) from error
-        self.measures = problem.measures
-        self.history = History(out / "history.csv", columns(problem), () if earlier is None else earlier.rows)
+        self.measures = measured
+        self.history = History(out / "history.csv", columns(self.measures), () if earlier is None else earlier.rows)
         self.frames = Frames(out, problem.basis, times, problem.scene.units) if output.frames else None
         self.last = 0 if earlier is None else earlier.state.step
 

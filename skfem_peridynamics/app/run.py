@@ -24,6 +24,7 @@ from .files import OutputError, hold, make_folder
 from .formula import FormulaError
 from .identity import identity
 from .march import march, notes
+from .measures import measures
 from .memory import peak_memory_mb
 from .meshes import blame
 from .notes import keep_notes
@@ -129,7 +130,9 @@ class _Run:
             "limit": None if limit is None else dataclasses.asdict(limit),
             "resumed": self.resumed,
         }
-        self.record = Record(problem, self.out, self.steps, self.clock, self.watch, self.progress, facts, self.earlier)
+        self.record = Record(
+            problem, self.measured, self.out, self.steps, self.clock, self.watch, self.progress, facts, self.earlier
+        )
         if self.earlier is None:
             checkpoint.remove(self.out)
         summary = first_facts(problem, self.dt, self.steps, self.blocks)
@@ -163,8 +166,9 @@ class _Run:
         problem, clock = self.problem, self.clock
         with clock.phase("setup"):
             parts = ("load", "fixed", "u0", "v0") + (() if self.scene.time.scheme == "static" else ("mass",))
-            for part in (*parts, "measures"):
+            for part in parts:
                 getattr(problem, part)
+            self.measured = measures(problem)
             self.blocks = len(problem.resting.blocks)
             with blame("bonds"):
                 check_rigid(problem.resting)

@@ -11,23 +11,14 @@ import numpy as np
 
 from .._version import __version__
 from ..analysis.manufactured import Manufactured
-from ..analysis.motion import Motion, unit_box
+from ..analysis.motion import Motion, law_of, unit_box
 from ..analysis.scheme import CLASSICAL, Scheme
 from ..analysis.study import TIME_SHARE, Row, measure, rate, time_constant
 from ..analysis.waves import StandingWave
 from ..bonds.ball import BallRule
 from ..bonds.rules import PairRule
-from ..material.potential import Exponential, Linear, Potential
 
 Report = Callable[[str], None]
-_SOFTENING = 0.3  # b r S^2 at the largest strain: the force of the stiffest bond is a quarter below the linear one
-
-
-def law_of(dim: int, horizon: float, linear: bool = False) -> Potential:
-    """Return a law whose pressure waves have speed 1 at density 1, softened by the motion of the study."""
-    slope = (dim + 2.0) * (dim + 1.0) / 6.0  # lambda = 1/3
-    b = _SOFTENING / (dim * np.pi**2 * horizon)
-    return Linear(slope) if linear else Exponential(slope, slope / b)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from ..analysis.bounds import (
 )
 from ..analysis.local_limit import distance_to_local
 from ..analysis.manufactured import Manufactured
-from ..analysis.motion import unit_box
+from ..analysis.motion import law_of, unit_box
 from ..analysis.scheme import CLASSICAL, Scheme
 from ..analysis.study import measure, prepare, rate, time_constant
 from ..analysis.velocity import velocity_equation
@@ -30,7 +30,6 @@ from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics
 from ..model.space import vector_basis
 from ..solve.central_difference import central_difference
-from .studies import law_of
 
 Table = tuple[str, tuple[str, ...], list[tuple[Any, ...]]]
 Report = Callable[[str], None]

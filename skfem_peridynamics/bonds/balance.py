@@ -17,19 +17,14 @@ near the boundary, where they carry a quadrature error; inside they stay exact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from .._types import Bools, Floats, Longs
+from .._types import Bools, Floats
 from ..geometry.pieces import connected
+from .bond_list import Balance, BondList
 from .moment_fit import MomentFit, make_piece, ratio_of, summed
 from .targets import moment_targets
 from .tensors import killing_tensors, monomials
-
-if TYPE_CHECKING:
-    from .bond_basis import BondBasis
 
 _REACHED = 1e-10  # of the largest moment: what Newton's method goes for inside
 _MISSED = 1e-8  # of the largest moment: above this a vertex inside counts as unbalanced
@@ -40,25 +35,7 @@ _FAR = 50.0  # factor by which a weight may change at all
 _ENOUGH = 2.75  # bonds for each moment of order three and four
 
 
-@dataclass(frozen=True, eq=False)
-class Balance:
-    """Balanced weights and how they came out.
-
-    ``weights`` by part. ``unbalanced`` lists the vertices (mesh numbers) whose moments of order three are not met: to
-    1e-8 of the largest inside, to 2 % near the boundary. ``residual`` and ``residual_near`` are the largest there.
-    ``smallest`` and ``rms``: ratio of new to old weights, its least (positive always) and its deviation from 1.
-    """
-
-    weights: list[Floats]
-    unbalanced: Longs
-    residual: float
-    residual_near: float
-    smallest: float
-    rms: float
-    iterations: int
-
-
-def balance(bonds: BondBasis) -> Balance:
+def balance(bonds: BondList) -> Balance:
     """Return balanced weights of a symmetric rule; see ``BondBasis.balanced``."""
     if not bonds.rule.symmetric:
         raise ValueError(f"rule = {bonds.rule.name}: a one-sided rule needs no balance, and its weights have none")
@@ -116,7 +93,7 @@ def _within(ratios: list[Floats], factor: float) -> bool:
     return all(x.min() > 1.0 / factor and x.max() < factor for x in ratios)
 
 
-def _incompatible(bonds: BondBasis, gap: Floats, layer: Bools) -> Floats:
+def _incompatible(bonds: BondList, gap: Floats, layer: Bools) -> Floats:
     """The part of ``target - moments`` that no weights can mend, spread over the layer near the boundary."""
     mesh = bonds.mesh
     Y = killing_tensors(mesh.p.T)

@@ -1,33 +1,21 @@
-"""Bonds over a scikit-fem basis: horizon, influence function, rule and the numbering the kernels like."""
+"""Bonds over a scikit-fem basis, as a basis that its forms assemble on."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from .._scaling import whole_power
-from .._types import Basis, Floats, Longs, Mesh
-from ..geometry.layers import boundary_function
-from ..geometry.simplices import check_simplices
-from ..material.calibration import UNIT_BALL
-from ..material.influence import Influence, as_influence, constant
-from .forms import FormBasis
-from .parts import PairPart, Part
-from .rules import PairRule, Rule
-from .samples import Samples
-
-if TYPE_CHECKING:
-    from .balance import Balance
+from .._types import Floats, Ints
+from .bond_list import BondList
+from .forms import Functions, Sides
 
 
 @dataclass(frozen=True, eq=False)
-class BondBasis(FormBasis):
+class BondBasis(BondList):
     """The bonds of a body: everything about the double integral that does not depend on the material.
 
     ``space`` is a vector P1 basis, ``skfem.Basis(mesh, ElementVector(ElementTriP1()))`` or its line and tetrahedron
@@ -49,32 +37,6 @@ class BondBasis(FormBasis):
     >>> dot.assemble(bonds).shape
     (9, 9)
     """
-
-    space: Basis
-    horizon: float
-    influence: Influence | str | Callable[[Floats], Floats] = "constant"
-    rule: Rule = field(default_factory=PairRule)
-    boundary_function: str | npt.ArrayLike | None = None
-    balance: Balance | None = field(default=None, repr=False)
-
-    def __post_init__(self) -> None:
-        if (
-            isinstance(self.horizon, str)
-            or np.ndim(self.horizon)
-            or not (np.isfinite(self.horizon) and self.horizon > 0)
-        ):
-            raise ValueError(f"horizon = {self.horizon} must be a positive length")
-        if not callable(getattr(self.rule, "parts", None)):
-            raise ValueError(f"rule = {self.rule!r} must be a rule, such as PairRule() or BallRule()")
-        object.__setattr__(self, "influence", as_influence(self.influence))
-        mesh = self.space.mesh
-        check_simplices(mesh)
-        expected = np.arange(mesh.dim() * mesh.nvertices).reshape(-1, mesh.dim()).T
-        if expected.size != self.space.N or not np.array_equal(self.space.nodal_dofs, expected):
-            raise ValueError(
-                f"basis has {self.space.N} degrees of freedom; bonds need the vector P1 basis of the mesh "
-                f"({expected.size}): skfem.Basis(mesh, ElementVector(P1 element of the mesh))"
-            )
 
     def with_(self, **changes: Any) -> BondBasis:
         """Return a copy with another horizon, influence, rule or boundary function, and the rule's own weights."""
@@ -111,122 +73,6 @@ class BondBasis(FormBasis):
         copy.__dict__["parts"] = [part.with_weight(w) for part, w in zip(self.parts, weights, strict=True)]
         return copy
 
-    @property
-    def mesh(self) -> Mesh:
-        return self.space.mesh
-
-    @property
-    def dim(self) -> int:
-        return int(self.space.mesh.dim())
-
-    @property
-    def nbonds(self) -> int:
-        return sum(part.nbonds for part in self.parts)
-
-    @property
-    def prefactor(self) -> float:
-        """``c = 1 / (horizon^(d+1) omega_d)`` in front of the double integral."""
-        return float(1.0 / (whole_power(self.horizon, self.dim + 1) * UNIT_BALL[self.dim]))
-
-    @cached_property
-    def samples(self) -> Samples:
-        """The points where the rule reads the displacement, numbered along the body."""
-        return self.rule.samples(self.mesh)
-
-    @cached_property
-    def parts(self) -> list[Part]:
-        """The bonds, a part of them at a time."""
-        assert isinstance(self.influence, Influence)
-        made = self.rule.parts(self.mesh, self.samples, self.horizon, self.influence)
-        if self.balance is None:
-            return made
-        return [part.with_weight(w) for part, w in zip(made, self.balance.weights, strict=True)]
-
-    @cached_property
-    def vertex_weight(self) -> Floats | None:
-        """The boundary function w at the vertices, or None where it is 1 everywhere."""
-        if self.boundary_function is None:
-            return None
-        if isinstance(self.boundary_function, str):
-            if self.boundary_function != "smooth":
-                raise ValueError(f'boundary_function = {self.boundary_function!r} must be "smooth", an array or None')
-            return boundary_function(self.mesh, self.horizon)
-        w = np.asarray(self.boundary_function, dtype=float)
-        wanted = f"boundary_function must give one value between 0 and 1 for each of the {self.mesh.nvertices} vertices"
-        if w.shape != (self.mesh.nvertices,):
-            raise ValueError(f"{wanted}; its shape is {w.shape}")
-        wrong = np.flatnonzero(~((w >= 0.0) & (w <= 1.0)))
-        if len(wrong):
-            raise ValueError(f"{wanted}; at vertex {wrong[0]} it is {w[wrong[0]]}")
-        return w
-
-    @cached_property
-    def sample_weight(self) -> Floats | None:
-        """The boundary function w at the samples, or None where it is 1 everywhere."""
-        return None if self.vertex_weight is None else self.samples.take(self.vertex_weight)
-
-    @property
-    def may_vanish(self) -> bool:
-        """Whether bonds within the horizon can have measure zero."""
-        return not self.plain
-
-    @property
-    def plain(self) -> bool:
-        """Whether J and w are 1 everywhere."""
-        return self.vertex_weight is None and as_influence(self.influence) is constant
-
-    def measure_of(self, part: Part) -> Floats:
-        """Return ``k = c weight w(x) w(y) J(r / horizon)`` of a part: ``PD = sum k f(r S^2)``, (nbonds,)."""
-        return self.prefactor * self.share_of(part)
-
-    def share_of(self, part: Part) -> Floats:
-        """Return ``weight w(x) w(y) J(r / horizon)`` of a part, (nbonds,)."""
-        return part.weight * self.influence_of(part) * self.boundary_share_of(part)
-
-    def boundary_share_of(self, part: Part) -> Floats | float:
-        """Return ``w(x) w(y)`` of a part, (nbonds,); 1 where w is 1 everywhere."""
-        w = self.sample_weight
-        return 1.0 if w is None else part.near(w) * np.clip(part.far(w), 0.0, 1.0)
-
-    def influence_of(self, part: Part) -> Floats:
-        """Return ``J(r / horizon)`` of a part, (nbonds,)."""
-        return as_influence(self.influence)(np.linalg.norm(part.vectors(), axis=1) / self.horizon)
-
-    def vectors(self) -> Floats:
-        """Return ``xi = y - x`` of all bonds, (dim, nbonds)."""
-        return np.concatenate([part.vectors() for part in self.parts]).T
-
-    @property
-    def weight(self) -> Floats:
-        """Weights of the plain double integral, (nbonds,)."""
-        return np.concatenate([part.weight for part in self.parts])
-
-    def measure(self) -> Floats:
-        """Return ``k`` of all bonds, see :meth:`measure_of`."""
-        return np.concatenate([self.measure_of(part) for part in self.parts])
-
-    @property
-    def ends(self) -> Longs:
-        """The vertices (mesh numbers) at the ends of each bond of vertex pairs, (2, nbonds).
-
-        Raises ``ValueError`` for other rules: their ends are points in elements, see :meth:`Part.sides`.
-        """
-        if not self.samples.at_vertices or not all(isinstance(part, PairPart) for part in self.parts):
-            raise ValueError(f"rule = {self.rule.name}: its bonds do not end at vertices")
-        ends = np.concatenate([part.ends + part.first for part in self.parts if isinstance(part, PairPart)])
-        vertices: Longs = self.samples.vertices[ends.T, 0].astype(np.int64)
-        return vertices
-
-    @property
-    def nbytes(self) -> int:
-        """Memory of the bond list."""
-        return sum(part.nbytes for part in self.parts)
-
-    @cached_property
-    def moment(self) -> float:
-        """``M_d = int_0^1 J(s) s^d ds`` of the exact integral."""
-        return as_influence(self.influence).moment(self.dim)
-
     @cached_property
     def discrete_moments(self) -> tuple[float, float]:
         """What these bonds make of ``M_d``, for strains and for cracks: means over points deeper than the horizon.
@@ -243,3 +89,66 @@ class BondBasis(FormBasis):
         from .moments import discrete_moments
 
         return discrete_moments(self)
+
+    # ---- what scikit-fem's forms read from a basis
+    @cached_property
+    def sides(self) -> Sides:
+        """Vertices and P1 values at both ends of all bonds; made for forms only."""
+        return Sides.of(self)
+
+    @property
+    def N(self) -> int:
+        """Degrees of freedom: those of the vector P1 basis."""
+        return int(self.space.N)
+
+    @property
+    def nelems(self) -> int:
+        """A bond is an element to scikit-fem's forms; those without length are left out."""
+        return int(self.sides.live.sum())
+
+    @property
+    def X(self) -> Floats:
+        """The one quadrature point of a bond, (dim, 1)."""
+        return np.zeros((self.dim, 1))
+
+    @property
+    def dx(self) -> Floats:
+        """Weights of the plain double integral over D x D, (nelems, 1); a bond of a symmetric rule has both orders."""
+        return self.weight[self.sides.live, None]
+
+    @property
+    def Nbfun(self) -> int:
+        """Local functions of a bond: one per component and vertex at x and at y."""
+        return len(self.sides.functions)
+
+    @property
+    def element_dofs(self) -> Ints:
+        """Degrees of freedom of the local functions, (Nbfun, nelems)."""
+        return self.sides.dofs
+
+    @property
+    def basis(self) -> Functions:
+        """The local functions, each a pair of fields ``(u1, u2)``: values at x and at y."""
+        return Functions(self.sides)
+
+    def default_parameters(self) -> dict[str, Any]:
+        """Return what a form finds in ``w``: ``x, y, xi = y - x`` (dim, nelems, 1) and ``r = |xi|`` (nelems, 1)."""
+        from skfem.element import DiscreteField
+
+        xi = self.vectors()[:, self.sides.live, None]
+        x = self.sides.at(0, self.mesh.p.T.ravel())
+        fields = {"x": x, "y": x + xi, "xi": xi, "r": np.linalg.norm(xi, axis=0)}
+        return {name: DiscreteField(field) for name, field in fields.items()}
+
+    def interpolate(self, u: Floats) -> tuple[Any, Any]:
+        """Return a displacement (N,) at x and at y, two fields (dim, nelems, 1); in a form ``w.u[0], w.u[1]``.
+
+        Raises ``ValueError`` for a vector of another length.
+        """
+        from skfem.element import DiscreteField
+
+        u = np.asarray(u, dtype=float)
+        if u.shape != (self.N,):
+            raise ValueError(f"u has shape {u.shape}; the basis has {self.N} degrees of freedom")
+        at_x, at_y = (DiscreteField(self.sides.at(side, u)) for side in (0, 1))
+        return at_x, at_y

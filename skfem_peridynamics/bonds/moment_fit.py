@@ -10,18 +10,15 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import reduce
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.linalg import LinearOperator, lsmr
 
 from .._types import Bools, Csr, Floats
+from .bond_list import BondList
 from .parts import Part
 from .tensors import powers
-
-if TYPE_CHECKING:
-    from .bond_basis import BondBasis
 
 _LOOSE = 1e-3  # relative accuracy of a Newton step
 _FLAT = 1e-10  # of the largest eigenvalue of a vertex's block: directions without bonds
@@ -63,7 +60,7 @@ class Piece:
         return out
 
 
-def make_piece(bonds: BondBasis, part: Part) -> Piece:
+def make_piece(bonds: BondList, part: Part) -> Piece:
     P = bonds.samples.matrix[part.first : part.first + part.width]
     minus, plus = (sparse.csr_matrix(part.incidence(sign) @ P) for sign in (-1.0, 1.0))
     xi = part.vectors()

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from .._types import Bools, Floats
 from ..geometry.layers import distance_to_facets
 from ..geometry.simplices import facet_directions, vertex_sizes
 from ..material.calibration import UNIT_BALL
+from .bond_list import BondList
 from .parts import PairPart, Part
-
-if TYPE_CHECKING:
-    from .bond_basis import BondBasis
 
 _USED = 1e-9  # P1 values below this are round-off: the vertex is not used
 _MANY = 16  # directions that stand for all of them
 
 
-def deep_points(bonds: BondBasis, points: Floats) -> Bools:
+def deep_points(bonds: BondList, points: Floats) -> Bools:
     """Return which points (n, dim) have their whole ball inside the body, and half an element more."""
     mesh = bonds.mesh
     reach = bonds.horizon + 0.5 * float(vertex_sizes(mesh).max())
@@ -28,7 +24,7 @@ def deep_points(bonds: BondBasis, points: Floats) -> Bools:
     return deep
 
 
-def discrete_moments(bonds: BondBasis) -> tuple[float, float]:
+def discrete_moments(bonds: BondList) -> tuple[float, float]:
     """Return the moments for strains and for cracks; see ``BondBasis.discrete_moments``."""
     samples, dim = bonds.samples, bonds.dim
     deep = deep_points(bonds, samples.points)
@@ -60,7 +56,7 @@ def discrete_moments(bonds: BondBasis) -> tuple[float, float]:
     return scale * strain, scale * crack * dim * UNIT_BALL[dim] / (2.0 * UNIT_BALL[dim - 1])
 
 
-def _extents(bonds: BondBasis, part: Part, normals: Floats) -> Floats:
+def _extents(bonds: BondList, part: Part, normals: Floats) -> Floats:
     """Extent along each normal of the vertices that each bond uses, (nnormals, nbonds)."""
     if isinstance(part, PairPart) and bonds.samples.at_vertices:
         return np.abs(normals.T @ part.vectors().T)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,12 +12,10 @@ from ..geometry.layers import distance_to_facets
 from ..geometry.rays import Tracer
 from ..geometry.simplices import vertex_volumes
 from ..material.influence import Influence, as_influence
+from .bond_list import BondList
 from .quadrature import half_sphere, radial_rule
 from .samples import gauss_samples
 from .tensors import monomials, powers
-
-if TYPE_CHECKING:
-    from .bond_basis import BondBasis
 
 _DIRECTIONS = {1: 1, 2: 32, 3: 43}  # of half the ball
 _ORDER = {
@@ -40,7 +37,7 @@ class Targets:
     near_boundary: Bools
 
 
-def moment_targets(bonds: BondBasis) -> Targets:
+def moment_targets(bonds: BondList) -> Targets:
     """Return ``T3_i = 2 int phi_i w int w J e^alpha`` and ``T4_i = 2 int phi_i w int w J s e^alpha``.
 
     Order three vanishes where every element of a vertex is deeper than the horizon and w is 1 (twice as deep where w
