@@ -16,7 +16,7 @@ from faults import RESULTS, SMALL, StopAt, Stopped, results, small, stop
 
 import skfem_peridynamics as peri
 from skfem_peridynamics import Scene, run
-from skfem_peridynamics.analysis.clock import Clock
+from skfem_peridynamics._clock import Clock
 from skfem_peridynamics.app import build, identity
 from skfem_peridynamics.app.build import Problem
 from skfem_peridynamics.app.checkpoint import (

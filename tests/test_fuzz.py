@@ -507,7 +507,7 @@ def test_ten_thousand_things_come_in():
 @pytest.mark.parametrize("file", ["a.off", "a.wkt", "a.ply", "a.dat", "a.node", "a.nas"])
 def test_readers_that_never_end_are_ended(file, tmp_path, monkeypatch):
     """Files cut short, in formats whose readers loop there: each was seen to."""
-    monkeypatch.setattr("skfem_peridynamics.app.foreign._SECONDS", 1.5)
+    monkeypatch.setattr("skfem_peridynamics.meshes.guarded_reader._SECONDS", 1.5)
     triangle = b"((0.0 0.0 0.0, 1.0 0.0 0.0, 0.5 0.5 0.0, 0.0 0.0 0.0)), "
     content = {
         "a.off": b"OFF\n",

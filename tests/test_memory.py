@@ -5,9 +5,10 @@ import resource
 import pytest
 from faults import small
 
-from skfem_peridynamics.app import build, memory
+from skfem_peridynamics import _memory as memory
+from skfem_peridynamics._memory import _of_group, free_memory
+from skfem_peridynamics.app import build
 from skfem_peridynamics.app.check import check
-from skfem_peridynamics.app.memory import _of_group, free_memory
 from skfem_peridynamics.app.reading import SceneError
 
 

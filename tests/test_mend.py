@@ -9,9 +9,9 @@ import skfem
 
 from skfem_peridynamics.app.meshes import read_mesh
 from skfem_peridynamics.app.reading import SceneError
-from skfem_peridynamics.geometry.cells import to_simplices
-from skfem_peridynamics.geometry.mend import Raw, mend
 from skfem_peridynamics.geometry.simplices import element_volumes
+from skfem_peridynamics.meshes.cells import to_simplices
+from skfem_peridynamics.meshes.mend import Raw, mend
 
 MESHES = Path(__file__).parent / "meshes"
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .._clock import Clock
 from .._types import Basis, Floats, Load, Mesh
 from ..bonds.bond_basis import BondBasis
 from ..model.mass import mass_matrix
@@ -18,7 +19,6 @@ from ..model.space import vector_basis
 from ..solve.central_difference import central_difference
 from ..solve.cfl import StepLimit, stable_time_step
 from ..solve.constraints import Prescribed
-from .clock import Clock
 from .motion import Motion, unit_box
 from .scheme import CLASSICAL, Scheme
 

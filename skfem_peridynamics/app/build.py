@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._memory import free_memory
 from .._types import Basis, Csr, Floats, Load, Longs, Mesh
 from ..analysis.scheme import Scheme
 from ..bonds.ball import BallRule
@@ -29,7 +30,6 @@ from ..solve.constraints import Prescribed
 from ..solve.newton import Effort
 from . import conditions
 from .cost import PER_IMPLICIT_STEP, PRODUCTS, SPARE, memory_of_run, worth_compiling
-from .memory import free_memory
 from .meshes import blame, make_mesh
 from .reading import SceneError
 from .scene import Scene, Where

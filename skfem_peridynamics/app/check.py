@@ -5,12 +5,12 @@ from __future__ import annotations
 from math import ceil, inf, isfinite
 
 from .._compile import installed
+from .._memory import free_memory
 from ..material.influence import as_influence
 from .build import Problem
 from .cost import PER_IMPLICIT_STEP, PRODUCTS, worth_compiling
 from .march import march, notes
 from .measures import measures
-from .memory import free_memory
 from .meshes import blame
 from .scene import Scene
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.clock import Clock
+from .._clock import Clock
 from ..solve.cfl import StepLimit
 from ..solve.watch import Watch
 from .build import Problem

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sparse
 
+from .._clock import Clock
+from .._memory import free_memory
 from .._types import Csr, Floats, Mesh
-from ..analysis.clock import Clock
 from ..model.mass import mass_matrix
 from .build import Problem
 from .cost import SPARE
 from .files import make_folder
 from .march import march
-from .memory import free_memory
 from .scene import Scene
 from .studies import Result
 

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from .._memory import free_memory
 from .._types import Mesh
-from ..geometry.mend import mend
 from ..geometry.simplices import describe_point
-from .memory import free_memory
+from ..meshes.mend import mend
 from .reading import LARGEST, SceneError
 from .tables import MeshTable
 
@@ -49,8 +49,8 @@ def read_mesh(path: Path, scale: float = 1.0, join: bool = False) -> Mesh:
     Lengths are taken ``scale`` times; ``join`` makes one vertex of those that coincide. What had to be mended is
     said in the log. Raises :class:`SceneError` for what is no mesh of a body.
     """
-    from .foreign import read
-    from .groups import raw_mesh
+    from ..meshes.groups import raw_mesh
+    from ..meshes.guarded_reader import read
 
     name = f"mesh.file = {str(path)!r}"
     if not path.is_file():

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from .._types import Floats, Longs, Mesh
-from ..geometry.levels import level_surface
 from .files import aside, open_new
+from .level_surface_ import level_surface
 from .plot import new_figure, save
 from .results import Snapshot
 from .units import UnitsTable

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.clock import Clock
+from .._clock import Clock
 from ..analysis.crack import WINDOW, speeds
 from ..analysis.damage import Census, census, damage
 from ..analysis.stress import strain, stress, voigt

@@ -154,7 +154,7 @@ def _body(path: Path, t: float) -> tuple[Mesh, float, dict[str, Floats]]:
     import skfem
 
     from ..geometry.simplices import check_simplices
-    from .foreign import read
+    from ..meshes.guarded_reader import read
     from .meshes import check_cells, quietly
 
     with quietly():

@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ..analysis.clock import Clock
+from .._clock import Clock
+from .._memory import peak_memory_mb
 from ..analysis.damage import damage
 from ..model.bond_state import Breaking
 from ..model.rigidity import check_rigid
@@ -25,7 +26,6 @@ from .formula import FormulaError
 from .identity import identity
 from .march import march, notes
 from .measures import measures
-from .memory import peak_memory_mb
 from .meshes import blame
 from .notes import keep_notes
 from .output import write_summary

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from .._types import Bools, Floats
-from ..geometry.pieces import connected
+from ..geometry.connected import connected
 from .bond_list import Balance, BondList
 from .moment_fit import MomentFit, make_piece, ratio_of, summed
 from .targets import moment_targets

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from .._types import Floats, Ints, Longs, Mesh
-from ..geometry.pieces import connected
+from ..geometry.connected import connected
 from ..geometry.simplices import describe_point, longest_edge, vertex_sizes
 from ..geometry.visibility import sight
 from ..material.influence import Influence

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from .._types import Bools, Floats, Ints, Longs, Mesh
-from .fans import fans
 from .layers import named_facets
 from .simplices import check_simplices, describe_point, distance_to_simplices
+from .vertex_sectors import fans
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._types import Bools, Floats, Longs, Mesh
-from .fans import fans
 from .simplices import outward_normals, vertex_sizes
+from .vertex_sectors import fans
 
 _INSET = 1e-6  # of the vertex size
 _SEAM = 1e-5  # barycentric: more than an inset can shift a crossing

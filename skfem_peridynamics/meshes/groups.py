@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._types import Longs
-from ..geometry.mend import Raw
+from .mend import Raw
 
 # integers that some formats keep for each cell; one that is 0 is of no group
 _NUMBERED = ("gmsh:physical", "medit:ref", "nastran:ref", "flac3d:group", "tetgen:ref", "avsucd:material", "cell_tags")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from .._types import Longs, Mesh
-from .pieces import connected
-from .simplices import describe_point
+from ..geometry.connected import connected
+from ..geometry.simplices import describe_point
 
 _AT_ONE_PLACE = 1e-9  # of the extent
 

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._types import Bools, Floats, Ints, Longs, Mesh
+from ..geometry.connected import connected
+from ..geometry.simplices import check_simplices, describe_point
 from .cells import kind_of, to_simplices
 from .manifold import check_manifold, facet_numbers, parts_of, unique_rows
-from .pieces import connected
-from .simplices import check_simplices, describe_point
 
 Tags = Mapping[str, Sequence[Longs | None]]
 _FLAT = 1e-9  # of the extent: what coordinates of a plane mesh differ by

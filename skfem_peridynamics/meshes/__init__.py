@@ -1,0 +1,1 @@
+"""A file of any mesher made a sound simplicial mesh."""
