@@ -16,10 +16,10 @@ from .bonds.bond_basis import BondBasis
 from .bonds.rules import PairRule
 from .geometry.layers import boundary_function, collar, region
 from .geometry.slit import Crack, slit
-from .material.calibration import Elastic, Material
 from .material.composite import Composite
 from .material.influence import Influence, conical, constant, gaussian
-from .material.own import Scalars, own_potential
+from .material.material import Elastic, Material
+from .material.own_law import Scalars, own_potential
 from .material.potential import Exponential, Linear, Potential, Rational
 from .model.bond_state import Breaking
 from .model.loads import body_force, layer_traction, traction

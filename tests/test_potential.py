@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from skfem_peridynamics import Exponential, Linear, Rational, own_potential
-from skfem_peridynamics.material.own import make_potential
+from skfem_peridynamics.material.own_law import make_potential
 from skfem_peridynamics.material.potential import Potential
 
 LAWS = [

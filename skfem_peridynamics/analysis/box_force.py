@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from .._types import Floats, Longs
-from ..material.calibration import UNIT_BALL
 from ..material.influence import as_influence
+from ..material.material import UNIT_BALL
 
 Profile = Callable[[Floats], Floats]
 _CHUNK = 400_000  # evaluations at a time

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .._types import Floats
-from ..material.calibration import UNIT_BALL
 from ..material.influence import as_influence
+from ..material.material import UNIT_BALL
 
 _PANELS, _NODES = 64, 16  # of the radial integral
 

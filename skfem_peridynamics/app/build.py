@@ -18,9 +18,9 @@ from ..bonds.ball import BallRule
 from ..bonds.bond_basis import BondBasis
 from ..bonds.rules import Rule
 from ..geometry.slit import Crack, facets_on, slit
-from ..material.calibration import Material
 from ..material.composite import Composite
 from ..material.influence import as_influence
+from ..material.material import Material
 from ..model.bond_state import Breaking
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics

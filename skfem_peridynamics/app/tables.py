@@ -7,7 +7,7 @@ from typing import Any
 
 from ..bonds.ball import BallRule
 from ..bonds.rules import PairRule, Rule
-from ..material.tension import COMPRESSION
+from ..material.tension_only import COMPRESSION
 from .formula import Formula, FormulaError
 from .reading import SceneError, choice, count, counts, flag, key, number, positive, rows, text
 

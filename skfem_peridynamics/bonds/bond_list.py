@@ -13,8 +13,8 @@ from .._scaling import whole_power
 from .._types import Basis, Floats, Longs, Mesh
 from ..geometry.layers import boundary_function
 from ..geometry.simplices import check_simplices
-from ..material.calibration import UNIT_BALL
 from ..material.influence import Influence, as_influence, constant
+from ..material.material import UNIT_BALL
 from .parts import PairPart, Part
 from .rules import PairRule, Rule
 from .samples import Samples

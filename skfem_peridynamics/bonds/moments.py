@@ -7,7 +7,7 @@ import numpy as np
 from .._types import Bools, Floats
 from ..geometry.layers import distance_to_facets
 from ..geometry.simplices import facet_directions, vertex_sizes
-from ..material.calibration import UNIT_BALL
+from ..material.material import UNIT_BALL
 from .bond_list import BondList
 from .parts import PairPart, Part
 

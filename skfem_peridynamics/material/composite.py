@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._types import Floats, Longs, Mesh
-from .calibration import Material
+from .material import Material
 from .potential import Potential
 
 MOST = 62  # materials: one bit of an integer each

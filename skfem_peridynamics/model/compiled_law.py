@@ -10,9 +10,9 @@ from typing import Any
 
 from .._compile import compiled
 from .._types import Floats
-from ..material.own import Scalars
+from ..material.own_law import Scalars
 from ..material.potential import Exponential, Linear, Potential, Rational
-from ..material.tension import TensionOnly
+from ..material.tension_only import TensionOnly
 from .kernels import Block
 from .law_loops import EXPONENTIAL, LINEAR, OWN, RATIONAL, TENSION
 

@@ -16,8 +16,8 @@ from scipy.sparse.linalg import LinearOperator
 from .._compile import available
 from .._types import Csr, Floats, Longs
 from ..bonds.bond_basis import BondBasis
-from ..material.calibration import Elastic, Material, crossing
 from ..material.composite import Composite
+from ..material.material import Elastic, Material, crossing
 from ..material.potential import Linear, Potential
 from .allotment import allot
 from .kernels import Block, Engine, SparseEngine, make_blocks, matrix_bytes

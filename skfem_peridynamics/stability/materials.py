@@ -11,8 +11,8 @@ from scipy import linalg
 from .._types import Floats, Mesh
 from ..analysis.motion import unit_box
 from ..bonds.bond_basis import BondBasis
-from ..material.calibration import Material
 from ..material.composite import Composite
+from ..material.material import Material
 from ..material.potential import Exponential, Linear, Potential, Rational
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics

@@ -15,8 +15,8 @@ from ..analysis.motion import unit_box
 from ..bonds.bond_basis import BondBasis
 from ..geometry.layers import collar
 from ..geometry.slit import Crack, slit
-from ..material.calibration import Material
 from ..material.composite import Composite
+from ..material.material import Material
 from ..model.loads import layer_traction
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics

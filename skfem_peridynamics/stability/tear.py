@@ -10,7 +10,7 @@ import numpy as np
 from ..analysis.damage import census
 from ..bonds.bond_basis import BondBasis
 from ..geometry.slit import Crack, slit
-from ..material.calibration import Material
+from ..material.material import Material
 from ..model.peridynamics import Peridynamics
 from ..model.space import vector_basis
 from ..solve.constraints import Prescribed

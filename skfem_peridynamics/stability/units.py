@@ -10,7 +10,7 @@ from .._types import Floats
 from ..analysis.motion import unit_box
 from ..bonds.bond_basis import BondBasis
 from ..bonds.rules import PairRule
-from ..material.calibration import Material
+from ..material.material import Material
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics
 from ..model.space import vector_basis

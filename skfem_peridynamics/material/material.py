@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from .own import make_potential
+from .own_law import make_potential
 from .potential import Potential
-from .tension import COMPRESSION, TensionOnly
+from .tension_only import COMPRESSION, TensionOnly
 
 # volume of the unit ball, omega_d, for d = 0, 1, 2, 3
 UNIT_BALL = (1.0, 2.0, pi, 4.0 * pi / 3.0)
