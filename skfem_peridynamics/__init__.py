@@ -11,9 +11,9 @@ from .analysis.dispersion import dispersion
 from .analysis.energies import discrete_energy
 from .analysis.j_integral import j_integral
 from .analysis.stress import strain, stress
-from .bonds.ball import BallRule
+from .bonds.ball_rule import BallRule
 from .bonds.bond_basis import BondBasis
-from .bonds.rules import PairRule
+from .bonds.pair_rule import PairRule
 from .geometry.layers import boundary_function, collar, region
 from .geometry.slit import Crack, slit
 from .material.composite import Composite

@@ -12,7 +12,7 @@ from reference import force_on_square
 from skfem_peridynamics import BallRule, BondBasis, Crack, Exponential, Linear, PairRule, mass_matrix, slit
 from skfem_peridynamics.bonds.balance import _incompatible
 from skfem_peridynamics.bonds.moment_fit import make_piece, ratio_of, slope_of_ratio
-from skfem_peridynamics.bonds.targets import moment_targets
+from skfem_peridynamics.bonds.moment_targets import moment_targets
 from skfem_peridynamics.bonds.tensors import killing_tensors, monomials
 from skfem_peridynamics.geometry.simplices import element_volumes
 

@@ -25,8 +25,8 @@ from skfem_peridynamics import (
     mass_matrix,
     slit,
 )
+from skfem_peridynamics.bonds.moment_targets import moment_targets
 from skfem_peridynamics.bonds.quadrature import half_sphere, radial_rule
-from skfem_peridynamics.bonds.targets import moment_targets
 from test_linear_fields import EPS, EXACT, field
 from test_toughness import opened
 

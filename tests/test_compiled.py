@@ -152,7 +152,7 @@ def bits(body):
 
 @pytest.mark.parametrize("rule", [PairRule(), BallRule(3, 8), BallRule(3, 8, "vertices")], ids=lambda rule: rule.name)
 def test_bits_do_not_depend_on_threads(rule, monkeypatch):
-    monkeypatch.setattr("skfem_peridynamics.bonds.parts.BLOCK", 3000)
+    monkeypatch.setattr("skfem_peridynamics.bonds.pair_bonds.BLOCK", 3000)
     monkeypatch.setattr("skfem_peridynamics.model.schedule._LEAST", 700)
     monkeypatch.setattr("skfem_peridynamics.model.ball_tasks._ELEMENTS", 60)
     monkeypatch.setattr("skfem_peridynamics.model.pair_tasks._SAMPLES", 60)

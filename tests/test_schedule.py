@@ -73,7 +73,7 @@ def test_compiled_pairs_are_those_of_the_tree(dim, monkeypatch):
         found = []
         for many in (10**9, 0):
             monkeypatch.setattr(neighbours, "_MANY", many)
-            monkeypatch.setattr("skfem_peridynamics.bonds.search_loops._ROWS", 37)
+            monkeypatch.setattr("skfem_peridynamics.bonds.neighbour_loops._ROWS", 37)
             found.append([np.concatenate(part) for part in zip(*pairs_within(x, reach), strict=True)])
         assert np.array_equal(found[0][0], found[1][0])
         assert np.array_equal(found[0][1], found[1][1])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..bonds.ball import BallRule
-from ..bonds.rules import PairRule, Rule
+from ..bonds.ball_rule import BallRule
+from ..bonds.pair_rule import PairRule, Rule
 
 
 @dataclass(frozen=True)

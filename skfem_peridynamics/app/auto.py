@@ -13,8 +13,8 @@ import numpy as np
 
 from .._types import Mesh
 from ..analysis.scheme import CLASSICAL, Scheme
-from ..bonds.ball import BallRule
-from ..bonds.rules import PairRule
+from ..bonds.ball_rule import BallRule
+from ..bonds.pair_rule import PairRule
 from ..geometry.simplices import vertex_volumes
 
 if TYPE_CHECKING:

@@ -14,9 +14,9 @@ import numpy as np
 from .._memory import free_memory
 from .._types import Basis, Csr, Floats, Load, Longs, Mesh
 from ..analysis.scheme import Scheme
-from ..bonds.ball import BallRule
+from ..bonds.ball_rule import BallRule
 from ..bonds.bond_basis import BondBasis
-from ..bonds.rules import Rule
+from ..bonds.pair_rule import Rule
 from ..geometry.slit import Crack, facets_on, slit
 from ..material.composite import Composite
 from ..material.influence import as_influence

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from .._compile import installed
 from .._types import Mesh
-from ..bonds.ball import BallRule
-from ..bonds.parts import BallPart, PairPart
-from ..bonds.rules import Rule
+from ..bonds.ball_rule import BallRule
+from ..bonds.pair_bonds import BallPart, PairPart
+from ..bonds.pair_rule import Rule
 from ..model.kernels import matrix_bytes
 from ..model.peridynamics import MATRIX_MEMORY
 

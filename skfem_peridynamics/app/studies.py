@@ -15,8 +15,8 @@ from ..analysis.motion import Motion, law_of, unit_box
 from ..analysis.scheme import CLASSICAL, Scheme
 from ..analysis.study import TIME_SHARE, Row, measure, rate, time_constant
 from ..analysis.waves import StandingWave
-from ..bonds.ball import BallRule
-from ..bonds.rules import PairRule
+from ..bonds.ball_rule import BallRule
+from ..bonds.pair_rule import PairRule
 
 Report = Callable[[str], None]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ..bonds.ball import BallRule
-from ..bonds.rules import PairRule, Rule
+from ..bonds.ball_rule import BallRule
+from ..bonds.pair_rule import PairRule, Rule
 from ..material.tension_only import COMPRESSION
 from .formula import Formula, FormulaError
 from .reading import SceneError, choice, count, counts, flag, key, number, positive, rows, text

@@ -23,9 +23,9 @@ from ..analysis.motion import law_of, unit_box
 from ..analysis.scheme import CLASSICAL, Scheme
 from ..analysis.study import measure, prepare, rate, time_constant
 from ..analysis.velocity import velocity_equation
-from ..bonds.ball import BallRule
+from ..bonds.ball_rule import BallRule
 from ..bonds.bond_basis import BondBasis
-from ..bonds.rules import PairRule, Rule
+from ..bonds.pair_rule import PairRule, Rule
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics
 from ..model.space import vector_basis

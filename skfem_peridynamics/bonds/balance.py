@@ -23,7 +23,7 @@ from .._types import Bools, Floats
 from ..geometry.connected import connected
 from .bond_list import Balance, BondList
 from .moment_fit import MomentFit, make_piece, ratio_of, summed
-from .targets import moment_targets
+from .moment_targets import moment_targets
 from .tensors import killing_tensors, monomials
 
 _REACHED = 1e-10  # of the largest moment: what Newton's method goes for inside

@@ -86,7 +86,7 @@ class BondBasis(BondList):
 
         Raises ``ValueError`` when no point is deep enough.
         """
-        from .moments import discrete_moments
+        from .discrete_moments import discrete_moments
 
         return discrete_moments(self)
 

@@ -15,8 +15,8 @@ from ..geometry.layers import boundary_function
 from ..geometry.simplices import check_simplices
 from ..material.influence import Influence, as_influence, constant
 from ..material.material import UNIT_BALL
-from .parts import PairPart, Part
-from .rules import PairRule, Rule
+from .pair_bonds import PairPart, Part
+from .pair_rule import PairRule, Rule
 from .samples import Samples
 
 

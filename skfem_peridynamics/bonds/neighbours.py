@@ -74,7 +74,7 @@ def pairs_within(x: Floats, reach: float) -> Iterator[tuple[Longs, Longs, Floats
     """
     n = x.shape[1]
     if n >= _MANY and available():
-        from .search_loops import pairs
+        from .neighbour_loops import pairs
 
         yield from pairs(x, reach * (1.0 + RIM))
         return

@@ -12,7 +12,7 @@ import numpy as np
 from .._scaling import whole_power
 from .._types import Floats, Ints, Longs
 from ..bonds.bond_basis import BondBasis
-from ..bonds.parts import BallPart
+from ..bonds.pair_bonds import BallPart
 from . import ball_loops, element_loops
 from .compiled_law import Law, law_of, secant
 from .kernels import Block

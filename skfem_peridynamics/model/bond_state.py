@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._types import Csr, Floats, Longs
-from ..bonds.ball import BallRule
+from ..bonds.ball_rule import BallRule
 from .kernels import Block
 from .peridynamics import Peridynamics
 

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .._types import Floats, Longs
-from ..bonds.parts import BallPart
+from ..bonds.pair_bonds import BallPart
 from .ball_tasks import BallField
 from .compiled_law import linear
 from .kernels import Block, SparseEngine

@@ -25,7 +25,7 @@ import scipy.sparse as sparse
 
 from .._types import Csr, Floats, Longs
 from ..bonds.bond_basis import BondBasis
-from ..bonds.parts import BallPart, PairPart, Part
+from ..bonds.pair_bonds import BallPart, PairPart, Part
 from ..material.potential import Potential
 from .team import Team
 

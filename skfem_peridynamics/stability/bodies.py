@@ -6,9 +6,9 @@ import numpy as np
 from scipy import linalg
 
 from .._types import Csr, Floats, Mesh
-from ..bonds.ball import BallRule
+from ..bonds.ball_rule import BallRule
 from ..bonds.bond_basis import BondBasis
-from ..bonds.rules import PairRule, Rule
+from ..bonds.pair_rule import PairRule, Rule
 from ..material.potential import Potential
 from ..model.peridynamics import Peridynamics
 from ..model.space import vector_basis

@@ -8,7 +8,7 @@ import numpy as np
 
 from .._types import Floats, Mesh
 from ..analysis.motion import unit_box
-from ..bonds.rules import PairRule
+from ..bonds.pair_rule import PairRule
 from ..material.potential import Linear
 from ..model.mass import mass_matrix
 from ..model.rigidity import check_rigid

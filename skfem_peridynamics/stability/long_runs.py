@@ -6,7 +6,7 @@ import numpy as np
 
 from .._types import Floats
 from ..analysis.motion import unit_box
-from ..bonds.ball import BallRule
+from ..bonds.ball_rule import BallRule
 from ..material.potential import Exponential, Linear
 from ..model.mass import mass_matrix
 from ..solve.central_difference import central_difference

@@ -9,7 +9,7 @@ from .._scaling import whole_power
 from .._types import Floats
 from ..analysis.motion import unit_box
 from ..bonds.bond_basis import BondBasis
-from ..bonds.rules import PairRule
+from ..bonds.pair_rule import PairRule
 from ..material.material import Material
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics

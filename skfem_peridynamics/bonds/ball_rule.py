@@ -15,9 +15,9 @@ from .._types import Floats, Ints, Longs, Mesh
 from ..geometry.rays import Tracer
 from ..geometry.simplices import describe_point, vertex_volumes
 from ..material.influence import Influence
-from . import parts
+from . import pair_bonds as parts
 from .neighbours import curve_order
-from .parts import BallPart, Fan, Part
+from .pair_bonds import BallPart, Fan, Part
 from .quadrature import half_sphere, radial_rule
 from .samples import Samples, gauss_samples, vertex_samples
 

@@ -13,9 +13,9 @@ from ..geometry.connected import connected
 from ..geometry.simplices import describe_point, longest_edge, vertex_sizes
 from ..geometry.visibility import sight
 from ..material.influence import Influence
-from . import parts
+from . import pair_bonds as parts
 from .neighbours import RIM, estimate_pairs, pairs_within
-from .parts import PairPart, Part, rim_share, rows_of
+from .pair_bonds import PairPart, Part, rim_share, rows_of
 from .samples import Samples, gauss_samples, vertex_samples
 
 
