@@ -21,7 +21,7 @@ from .material.influence import Influence, conical, constant, gaussian
 from .material.material import Elastic, Material
 from .material.own_law import Scalars, own_potential
 from .material.potential import Exponential, Linear, Potential, Rational
-from .model.bond_state import Breaking
+from .model.breaking import Breaking
 from .model.loads import body_force, layer_traction, traction
 from .model.mass import interpolate, mass_matrix, project
 from .model.peridynamics import Peridynamics

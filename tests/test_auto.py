@@ -10,11 +10,11 @@ import skfem
 
 from bodies import box
 from skfem_peridynamics import Scene
-from skfem_peridynamics.analysis.scheme import CLASSICAL
 from skfem_peridynamics.app.auto import BALANCED_PAIRS, CANDIDATES, Measured, choose, is_irregular, per_horizon, table
 from skfem_peridynamics.app.build import Problem
 from skfem_peridynamics.app.cli import main
 from skfem_peridynamics.app.reading import SceneError
+from skfem_peridynamics.model.discretisation import CLASSICAL
 
 SCENE = """
 mesh = {{box = [[0, 1], [0, 1]], divisions = [16, 16]}}

@@ -27,8 +27,8 @@ from skfem_peridynamics import (
     own_potential,
     slit,
 )
-from skfem_peridynamics.model.kernels import SparseEngine
-from skfem_peridynamics.model.law_loops import exponential, inverse_root
+from skfem_peridynamics.engine.block import SparseEngine
+from skfem_peridynamics.engine.law_loops import exponential, inverse_root
 
 RULES = {
     1: [PairRule(), PairRule(False), PairRule(points="gauss"), BallRule(2, 4), BallRule(3, 4, "vertices")],
@@ -153,9 +153,9 @@ def bits(body):
 @pytest.mark.parametrize("rule", [PairRule(), BallRule(3, 8), BallRule(3, 8, "vertices")], ids=lambda rule: rule.name)
 def test_bits_do_not_depend_on_threads(rule, monkeypatch):
     monkeypatch.setattr("skfem_peridynamics.bonds.pair_bonds.BLOCK", 3000)
-    monkeypatch.setattr("skfem_peridynamics.model.schedule._LEAST", 700)
-    monkeypatch.setattr("skfem_peridynamics.model.ball_tasks._ELEMENTS", 60)
-    monkeypatch.setattr("skfem_peridynamics.model.pair_tasks._SAMPLES", 60)
+    monkeypatch.setattr("skfem_peridynamics.engine.schedule._LEAST", 700)
+    monkeypatch.setattr("skfem_peridynamics.engine.ball_tasks._ELEMENTS", 60)
+    monkeypatch.setattr("skfem_peridynamics.engine.pair_tasks._SAMPLES", 60)
     bodies = [body_on(grid((1, 20), (1, 20)), 0.2, Exponential(1.0, 1.0), rule=rule, threads=n) for n in (1, 2, 3, 7)]
     assert len(bodies[0].engine.schedule.tasks) > 8
     assert len({bits(body) for body in bodies for _ in range(5)}) == 1

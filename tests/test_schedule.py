@@ -10,10 +10,10 @@ from bodies import box, grid
 from skfem_peridynamics import Crack, slit
 from skfem_peridynamics.bonds import neighbours
 from skfem_peridynamics.bonds.neighbours import curve_order, pairs_within
+from skfem_peridynamics.engine.schedule import Schedule
+from skfem_peridynamics.engine.threads import Team
 from skfem_peridynamics.geometry import rays
 from skfem_peridynamics.geometry.rays import Tracer
-from skfem_peridynamics.model.schedule import Schedule
-from skfem_peridynamics.model.team import Team
 
 
 def random_marks(seed, tasks=40, places=25):
@@ -23,7 +23,7 @@ def random_marks(seed, tasks=40, places=25):
 @pytest.mark.parametrize("places", [4096, 7])
 @pytest.mark.parametrize("seed", range(5))
 def test_tasks_that_meet_never_overlap_and_keep_their_order(seed, places, monkeypatch):
-    monkeypatch.setattr("skfem_peridynamics.model.schedule._PLACES", places)
+    monkeypatch.setattr("skfem_peridynamics.engine.schedule._PLACES", places)
     marks = random_marks(seed)
     made = Schedule.of(range(len(marks)), [np.flatnonzero(mark) for mark in marks], 25)
     assert sorted(made.tasks) == list(range(len(marks)))

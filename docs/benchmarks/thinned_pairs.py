@@ -11,9 +11,9 @@ import numpy as np
 
 from skfem_peridynamics import PairRule
 from skfem_peridynamics.analysis.motion import unit_box
-from skfem_peridynamics.analysis.scheme import Scheme
 from skfem_peridynamics.analysis.study import measure, time_constant
 from skfem_peridynamics.app.studies import STUDIES
+from skfem_peridynamics.model.discretisation import Scheme
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import skfem
 from page import Page, draw_lines
 
 import skfem_peridynamics as peri
-from skfem_peridynamics.model.kernels import Block
+from skfem_peridynamics.engine.block import Block
 
 HALF, WINDOW = 0.8, 0.6  # half of the body's side; the crack is weighed by cos^2 out to there
 RULES = ("pairs", "balanced pairs", "ball")

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .._types import Floats, Longs
-from ..model.bond_state import Breaking
-from ..model.kernels import Block
+from ..engine.block import Block
+from ..model.breaking import Breaking
 from ..model.peridynamics import Peridynamics
 
 _USED = 1e-9  # P1 values below this are round-off: the bond does not use the vertex

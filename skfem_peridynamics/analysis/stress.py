@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from .._types import Basis, Floats, Mesh
+from ..engine.block import Block
 from ..geometry.simplices import element_volumes, vertex_volumes
-from ..model.kernels import Block
 from ..model.peridynamics import Peridynamics
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from .._clock import Clock
 from .._types import Basis, Floats, Load, Mesh
 from ..bonds.bond_basis import BondBasis
+from ..model.discretisation import CLASSICAL, Scheme
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics
 from ..model.space import vector_basis
@@ -20,7 +21,6 @@ from ..solve.central_difference import central_difference
 from ..solve.cfl import StepLimit, stable_time_step
 from ..solve.constraints import Prescribed
 from .motion import Motion, unit_box
-from .scheme import CLASSICAL, Scheme
 
 _FARTHEST = 8.0  # how far below the smallest error of its runs seconds are extrapolated
 SAFETY = 0.9  # of the stable limit

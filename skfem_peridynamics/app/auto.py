@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._types import Mesh
-from ..analysis.scheme import CLASSICAL, Scheme
 from ..bonds.ball_rule import BallRule
 from ..bonds.pair_rule import PairRule
 from ..geometry.simplices import vertex_volumes
+from ..model.discretisation import CLASSICAL, Scheme
 
 if TYPE_CHECKING:
     pass

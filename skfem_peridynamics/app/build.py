@@ -13,7 +13,6 @@ import numpy as np
 
 from .._memory import free_memory
 from .._types import Basis, Csr, Floats, Load, Longs, Mesh
-from ..analysis.scheme import Scheme
 from ..bonds.ball_rule import BallRule
 from ..bonds.bond_basis import BondBasis
 from ..bonds.pair_rule import Rule
@@ -21,7 +20,8 @@ from ..geometry.slit import Crack, facets_on, slit
 from ..material.composite import Composite
 from ..material.influence import as_influence
 from ..material.material import Material
-from ..model.bond_state import Breaking
+from ..model.breaking import Breaking
+from ..model.discretisation import Scheme
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics
 from ..model.space import vector_basis

@@ -7,7 +7,7 @@ from .._types import Mesh
 from ..bonds.ball_rule import BallRule
 from ..bonds.pair_bonds import BallPart, PairPart
 from ..bonds.pair_rule import Rule
-from ..model.kernels import matrix_bytes
+from ..engine.block import matrix_bytes
 from ..model.peridynamics import MATRIX_MEMORY
 
 SPARE = 0.8  # of the free memory that a run may plan to take

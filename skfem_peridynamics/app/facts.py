@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any
 
 from .._version import __version__
-from ..model.team import usable_cores
+from ..engine.threads import usable_cores
 from .build import Problem
 
 

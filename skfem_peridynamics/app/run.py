@@ -12,7 +12,7 @@ from typing import Any
 from .._clock import Clock
 from .._memory import peak_memory_mb
 from ..analysis.damage import damage
-from ..model.bond_state import Breaking
+from ..model.breaking import Breaking
 from ..model.rigidity import check_rigid
 from ..solve.newton import NotConverged
 from ..solve.watch import UnstableRun, Watch

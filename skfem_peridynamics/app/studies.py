@@ -12,11 +12,11 @@ import numpy as np
 from .._version import __version__
 from ..analysis.manufactured import Manufactured
 from ..analysis.motion import Motion, law_of, unit_box
-from ..analysis.scheme import CLASSICAL, Scheme
 from ..analysis.study import TIME_SHARE, Row, measure, rate, time_constant
 from ..analysis.waves import StandingWave
 from ..bonds.ball_rule import BallRule
 from ..bonds.pair_rule import PairRule
+from ..model.discretisation import CLASSICAL, Scheme
 
 Report = Callable[[str], None]
 

@@ -20,12 +20,12 @@ from ..analysis.bounds import (
 from ..analysis.local_limit import distance_to_local
 from ..analysis.manufactured import Manufactured
 from ..analysis.motion import law_of, unit_box
-from ..analysis.scheme import CLASSICAL, Scheme
 from ..analysis.study import measure, prepare, rate, time_constant
 from ..analysis.velocity import velocity_equation
 from ..bonds.ball_rule import BallRule
 from ..bonds.bond_basis import BondBasis
 from ..bonds.pair_rule import PairRule, Rule
+from ..model.discretisation import CLASSICAL, Scheme
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics
 from ..model.space import vector_basis

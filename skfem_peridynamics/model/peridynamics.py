@@ -16,12 +16,12 @@ from scipy.sparse.linalg import LinearOperator
 from .._compile import available
 from .._types import Csr, Floats, Longs
 from ..bonds.bond_basis import BondBasis
+from ..engine.block import Block, Engine, SparseEngine, make_blocks, matrix_bytes
+from ..engine.threads import Team
 from ..material.composite import Composite
 from ..material.material import Elastic, Material, crossing
 from ..material.potential import Linear, Potential
-from .allotment import allot
-from .kernels import Block, Engine, SparseEngine, make_blocks, matrix_bytes
-from .team import Team
+from .bond_laws import allot
 
 _T = TypeVar("_T")
 
@@ -143,7 +143,7 @@ class Peridynamics:
         sparse_engine = SparseEngine(self.bonds, self.blocks, self.team)
         if not self.compiles:
             return sparse_engine
-        from .compiled import CompiledEngine
+        from ..engine.compiled_engine import CompiledEngine
 
         return CompiledEngine(sparse_engine)
 

@@ -8,8 +8,8 @@ import numpy as np
 import scipy.sparse as sparse
 
 from .._types import Floats, Longs
-from .held import held_stiffness
 from .peridynamics import Peridynamics
+from .vertex_stiffness import held_stiffness
 
 _NOTHING = 1e-12  # of the largest: what round-off makes of a stiffness that is zero
 

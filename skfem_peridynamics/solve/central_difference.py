@@ -11,7 +11,7 @@ import scipy.sparse as sparse
 
 from .._sums import inner
 from .._types import Floats, Load
-from ..model.bond_state import Breaking
+from ..model.breaking import Breaking
 from ..model.peridynamics import Peridynamics
 from .cfl import StepLimit, TangentLimit
 from .constraints import Prescribed, check_fixed

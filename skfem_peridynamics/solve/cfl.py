@@ -13,8 +13,8 @@ from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator
 from .._types import Floats
 from ..geometry.simplices import vertex_volumes
 from ..material.influence import as_influence
-from ..model.held import held_stiffness
 from ..model.peridynamics import Peridynamics
+from ..model.vertex_stiffness import held_stiffness
 from .mass_solver import Lumped, MassSolver, mass_solver
 
 _DENSE = 128  # unknowns up to which the whole spectrum is computed

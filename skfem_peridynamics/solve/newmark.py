@@ -10,9 +10,9 @@ import scipy.sparse as sparse
 
 from .._sums import inner
 from .._types import Floats, Load, Longs
-from ..model.bond_state import Breaking
-from ..model.held import held_by_bonds
+from ..model.breaking import Breaking
 from ..model.peridynamics import Peridynamics
+from ..model.vertex_stiffness import held_by_bonds
 from .cfl import StepLimit
 from .constraints import Prescribed, check_fixed
 from .inputs import check_start, checked_load, initial_vector

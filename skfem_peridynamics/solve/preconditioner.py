@@ -17,9 +17,9 @@ import scipy.sparse as sparse
 from scipy.sparse.linalg import LinearOperator
 
 from .._types import Csr, Floats, Longs
-from ..model.held import held_stiffness
 from ..model.peridynamics import Peridynamics
 from ..model.rigidity import rigid_modes
+from ..model.vertex_stiffness import held_stiffness
 
 NAMES = ("auto", "blocks", "amg", "direct")
 _SLOW = 40  # products of a solve that could be faster

@@ -13,10 +13,10 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from .._sums import inner
 from .._types import Floats, Load, Longs
-from ..model.bond_state import Breaking
-from ..model.held import held_by_bonds
+from ..model.breaking import Breaking
 from ..model.peridynamics import Peridynamics
 from ..model.rigidity import check_held, check_rigid
+from ..model.vertex_stiffness import held_by_bonds
 from .constraints import Prescribed, check_fixed
 from .inputs import check_start, checked_load, initial_vector
 from .newton import Effort, NotConverged, Objective, minimise

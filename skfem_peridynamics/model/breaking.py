@@ -11,7 +11,7 @@ import numpy as np
 
 from .._types import Csr, Floats, Longs
 from ..bonds.ball_rule import BallRule
-from .kernels import Block
+from ..engine.block import Block
 from .peridynamics import Peridynamics
 
 

@@ -14,11 +14,11 @@ from .._types import Floats, Ints, Longs
 from ..bonds.bond_basis import BondBasis
 from ..bonds.pair_bonds import BallPart
 from . import ball_loops, element_loops
+from .block import Block
 from .compiled_law import Law, law_of, secant
-from .kernels import Block
 from .pair_tasks import aligned
 from .schedule import Schedule, piece
-from .team import Team
+from .threads import Team
 
 _ELEMENTS, _MOST = 1 << 12, 512  # of a task that tabulates or hands over, and how many tasks
 

@@ -16,10 +16,10 @@ from ..bonds.bond_basis import BondBasis
 from ..bonds.pair_bonds import PairPart, rows_of
 from ..material.tension_only import TensionOnly
 from . import pair_loops
+from .block import Block
 from .compiled_law import Law, law_of, secant
-from .kernels import Block
 from .schedule import Schedule, piece
-from .team import Team
+from .threads import Team
 
 _SAMPLES = 1 << 15  # filled or emptied at a time
 

@@ -13,7 +13,7 @@ from .._types import Floats
 from ..material.own_law import Scalars
 from ..material.potential import Exponential, Linear, Potential, Rational
 from ..material.tension_only import TensionOnly
-from .kernels import Block
+from .block import Block
 from .law_loops import EXPONENTIAL, LINEAR, OWN, RATIONAL, TENSION
 
 _KINDS: dict[type, int] = {Exponential: EXPONENTIAL, Rational: RATIONAL, Linear: LINEAR}

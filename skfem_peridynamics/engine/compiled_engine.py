@@ -17,8 +17,8 @@ import numpy as np
 from .._types import Floats, Longs
 from ..bonds.pair_bonds import BallPart
 from .ball_tasks import BallField
+from .block import Block, SparseEngine
 from .compiled_law import linear
-from .kernels import Block, SparseEngine
 from .pair_tasks import PairField
 from .schedule import Schedule
 

@@ -27,7 +27,7 @@ from .._types import Csr, Floats, Longs
 from ..bonds.bond_basis import BondBasis
 from ..bonds.pair_bonds import BallPart, PairPart, Part
 from ..material.potential import Potential
-from .team import Team
+from .threads import Team
 
 _T = TypeVar("_T")
 

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from .._types import Csr, Floats
-from .kernels import Block
+from ..engine.block import Block
 from .peridynamics import Peridynamics
 
 
