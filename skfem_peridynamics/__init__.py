@@ -28,11 +28,11 @@ from .model.peridynamics import Peridynamics
 from .solve.central_difference import central_difference
 from .solve.cfl import StepLimit, stable_time_step
 from .solve.constraints import Prescribed
+from .solve.instability import UnstableRun
 from .solve.newmark import newmark
 from .solve.newton import Effort, NotConverged
 from .solve.state import Energies, State, load_state, save_state
 from .solve.static import Equilibrium, static
-from .solve.watch import UnstableRun
 
 if TYPE_CHECKING:
     from .app.output import Frames

@@ -32,8 +32,8 @@ from skfem_peridynamics.app.cli import main
 from skfem_peridynamics.app.earlier import go_on, look_back
 from skfem_peridynamics.app.reading import SceneError
 from skfem_peridynamics.app.signals import Interrupted, Signals
+from skfem_peridynamics.solve.instability import Watch
 from skfem_peridynamics.solve.state import State
-from skfem_peridynamics.solve.watch import Watch
 
 CANTILEVER = """
 title = "torn"

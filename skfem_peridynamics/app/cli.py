@@ -85,8 +85,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _complain(f"cannot read or write {error.filename!r}: {error.strerror}", 1)
     except Exception as error:
+        from ..solve.instability import UnstableRun
         from ..solve.newton import NotConverged
-        from ..solve.watch import UnstableRun
         from .files import OutputError
 
         if isinstance(error, OutputError):

@@ -13,7 +13,7 @@ import numpy as np
 
 from .._clock import Clock
 from ..solve.cfl import StepLimit
-from ..solve.watch import Watch
+from ..solve.instability import Watch
 from .build import Problem
 from .checkpoint import Checkpoint, DamagedCheckpoint, latest
 from .identity import differences

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from ..solve.central_difference import central_difference
+from ..solve.instability import Watch
 from ..solve.newmark import newmark
 from ..solve.static import static
-from ..solve.watch import Watch
 from .build import Problem
 from .meshes import blame
 

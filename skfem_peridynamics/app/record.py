@@ -16,9 +16,9 @@ from .._clock import Clock
 from ..analysis.crack import WINDOW, speeds
 from ..analysis.damage import Census, census, damage
 from ..analysis.stress import strain, stress, voigt
+from ..solve.instability import Watch
 from ..solve.state import Energies, State
 from ..solve.static import Equilibrium
-from ..solve.watch import Watch
 from .build import Problem
 from .checkpoint import Checkpoint, write_checkpoint
 from .files import OutputError

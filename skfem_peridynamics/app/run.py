@@ -14,8 +14,8 @@ from .._memory import peak_memory_mb
 from ..analysis.damage import damage
 from ..model.breaking import Breaking
 from ..model.rigidity import check_rigid
+from ..solve.instability import UnstableRun, Watch
 from ..solve.newton import NotConverged
-from ..solve.watch import UnstableRun, Watch
 from . import checkpoint, plot
 from .build import Problem
 from .checkpoint import Checkpoint

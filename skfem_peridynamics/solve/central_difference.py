@@ -16,9 +16,9 @@ from ..model.peridynamics import Peridynamics
 from .cfl import StepLimit, TangentLimit
 from .constraints import Prescribed, check_fixed
 from .inputs import check_start, checked_load, initial_vector
+from .instability import Watch, watching
 from .mass_solver import MassSolver, mass_solver
 from .state import State
-from .watch import Watch, watching
 
 
 class Body(Protocol):

@@ -16,11 +16,11 @@ from ..model.vertex_stiffness import held_by_bonds
 from .cfl import StepLimit
 from .constraints import Prescribed, check_fixed
 from .inputs import check_start, checked_load, initial_vector
+from .instability import Watch, watching
 from .mass_solver import MassSolver, mass_solver
 from .newton import Effort, NotConverged, Objective, minimise
 from .preconditioner import Preconditioner
 from .state import State
-from .watch import Watch, watching
 
 CUTS = 10  # times a step may be cut in half
 _MOST = 25  # iterations of Newton's method before it is

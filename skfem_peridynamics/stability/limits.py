@@ -11,8 +11,8 @@ from ..material.potential import Exponential, Linear, Potential, Rational
 from ..model.mass import mass_matrix
 from ..solve.central_difference import central_difference
 from ..solve.cfl import stable_time_step
+from ..solve.instability import BROKEN_BEYOND, UnstableRun
 from ..solve.newmark import newmark
-from ..solve.watch import BROKEN_BEYOND, UnstableRun
 from .bodies import ball, body_on, exact_limit, pairs, stretch
 from .book import Book
 
