@@ -10,11 +10,19 @@ import skfem
 
 from bodies import box
 from skfem_peridynamics import Scene
-from skfem_peridynamics.app.auto import BALANCED_PAIRS, CANDIDATES, Measured, choose, is_irregular, per_horizon, table
 from skfem_peridynamics.app.build import Problem
 from skfem_peridynamics.app.cli import main
 from skfem_peridynamics.app.reading import SceneError
 from skfem_peridynamics.model.discretisation import CLASSICAL
+from skfem_peridynamics.study.choose_rule import (
+    BALANCED_PAIRS,
+    CANDIDATES,
+    Measured,
+    choose,
+    is_irregular,
+    per_horizon,
+    table,
+)
 
 SCENE = """
 mesh = {{box = [[0, 1], [0, 1]], divisions = [16, 16]}}
@@ -142,7 +150,7 @@ def judge(rows, tolerances=(1e-2, 3e-3, 1e-3)):
 
 
 def auto_mesh(dim, n, kind):
-    from skfem_peridynamics.analysis.motion import unit_box
+    from skfem_peridynamics.study.known_motion import unit_box
 
     return unit_box(dim, n, kind)
 

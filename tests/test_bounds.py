@@ -5,7 +5,8 @@ import pytest
 
 from bodies import box, vector_basis
 from skfem_peridynamics import BondBasis, Exponential, Linear, Peridynamics, Rational, central_difference, mass_matrix
-from skfem_peridynamics.analysis.bounds import (
+from skfem_peridynamics.study import theorems
+from skfem_peridynamics.study.bounds import (
     Convergence,
     convergence_constants,
     discussion,
@@ -14,10 +15,9 @@ from skfem_peridynamics.analysis.bounds import (
     sharper_constant,
     symbol_supremum,
 )
-from skfem_peridynamics.analysis.manufactured import Manufactured
-from skfem_peridynamics.analysis.motion import law_of
-from skfem_peridynamics.analysis.velocity import velocity_equation
-from skfem_peridynamics.app import theorems
+from skfem_peridynamics.study.known_motion import law_of
+from skfem_peridynamics.study.manufactured import Manufactured
+from skfem_peridynamics.study.velocity import velocity_equation
 
 
 def test_constants_of_the_lipschitz_bound():

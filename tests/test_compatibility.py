@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skfem_peridynamics import BallRule, PairRule
-from skfem_peridynamics.analysis.local_limit import distance_to_local as distance
+from skfem_peridynamics.study.local_limit import distance_to_local as distance
 
 
 @pytest.mark.parametrize("per_horizon", [2, 4, 8])

@@ -8,16 +8,16 @@ import pytest
 
 import skfem_peridynamics as peri
 from bodies import body_on, box
-from skfem_peridynamics.analysis.motion import unit_box
-from skfem_peridynamics.app.auto import choose
 from skfem_peridynamics.app.cli import main
 from skfem_peridynamics.app.stability_report import allowed, as_markdown, nearness
 from skfem_peridynamics.geometry.simplices import edge_of_volume
 from skfem_peridynamics.model.space import vector_basis
 from skfem_peridynamics.stability import cases, oracles
 from skfem_peridynamics.stability.bodies import ball
-from skfem_peridynamics.stability.book import Book, Verdict, told
-from skfem_peridynamics.stability.geometry import graded_axis, meshes
+from skfem_peridynamics.stability.extreme_meshes import graded_axis, meshes
+from skfem_peridynamics.stability.verdicts import Book, Verdict, told
+from skfem_peridynamics.study.choose_rule import choose
+from skfem_peridynamics.study.known_motion import unit_box
 
 
 def smallest_angle(mesh):

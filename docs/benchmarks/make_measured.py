@@ -9,7 +9,7 @@ import csv
 import sys
 from pathlib import Path
 
-from skfem_peridynamics.app.auto import CANDIDATES
+from skfem_peridynamics.study.choose_rule import CANDIDATES
 
 COLUMNS = ("dim", "mesh", "scheme", "per_horizon", "error", "setup", "step")
 known = {scheme.name for schemes in CANDIDATES.values() for scheme in schemes}

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from skfem_peridynamics import PairRule
-from skfem_peridynamics.analysis.motion import unit_box
-from skfem_peridynamics.analysis.study import measure, time_constant
-from skfem_peridynamics.app.studies import STUDIES
 from skfem_peridynamics.model.discretisation import Scheme
+from skfem_peridynamics.study.catalogue import STUDIES
+from skfem_peridynamics.study.known_motion import unit_box
+from skfem_peridynamics.study.measure import measure, time_constant
 
 
 @dataclass(frozen=True)

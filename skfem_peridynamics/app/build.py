@@ -35,7 +35,7 @@ from .reading import SceneError
 from .scene import Scene, Where
 
 if TYPE_CHECKING:
-    from .auto import Choice
+    from ..study.choose_rule import Choice
 
 _log = logging.getLogger("skfem_peridynamics")
 _MOST_STEPS = 1e10
@@ -141,7 +141,7 @@ class Problem:
     @cached_property
     def choice(self) -> Choice:
         """What ``rule = "auto"`` chooses on the mesh before refinement, and why; said in the log."""
-        from .auto import choose
+        from ..study.choose_rule import choose
 
         scene, mesh = self.scene, self._unrefined
         influence = as_influence(scene.bonds.influence)

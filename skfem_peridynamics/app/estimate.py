@@ -16,12 +16,12 @@ from .._clock import Clock
 from .._memory import free_memory
 from .._types import Csr, Floats, Mesh
 from ..model.mass import mass_matrix
+from ..study.catalogue import Result
 from .build import Problem
 from .cost import SPARE
 from .files import make_folder
 from .march import march
 from .scene import Scene
-from .studies import Result
 
 _TIMES = 4  # at which motions are compared, the last at the end
 

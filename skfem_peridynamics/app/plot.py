@@ -12,8 +12,8 @@ import numpy as np
 from .files import aside, open_new
 
 if TYPE_CHECKING:
-    from ..analysis.study import Row
-    from ..stability.book import Curve
+    from ..stability.verdicts import Curve
+    from ..study.measure import Row
 
 
 def available() -> bool:
@@ -37,7 +37,7 @@ def plot_work_precision(path: Path, rows: Sequence[Row], title: str) -> None:
     """Draw error against seconds, log-log, a panel for each mesh, a line for each scheme; the Pareto front in black."""
     import matplotlib
 
-    from ..analysis.study import pareto
+    from ..study.measure import pareto
 
     kinds = list(dict.fromkeys(row.mesh for row in rows))
     names = list(dict.fromkeys(row.scheme for row in rows))

@@ -31,7 +31,7 @@ def plot(arguments: argparse.Namespace) -> int:
 
 def study(arguments: argparse.Namespace) -> int:
     """Run a study by its name or of a scene; return the exit code."""
-    from .studies import STUDIES, run_study
+    from ..study.catalogue import STUDIES, run_study
 
     if arguments.list:
         for name, one in STUDIES.items():

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from .._version import __version__
-from ..stability.book import Book, Curve, Verdict
 from ..stability.cases import CASES
+from ..stability.verdicts import Book, Curve, Verdict
 from .files import write_whole
 
 FILES = ("stability.csv", "stability.md")

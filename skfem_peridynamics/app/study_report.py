@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.study import Row, as_dict, pareto, seconds_to
+from ..study.catalogue import Result, rates
+from ..study.measure import Row, as_dict, pareto, seconds_to
 from .files import write_whole
-from .studies import Result, rates
 
 TARGETS = (1e-2, 1e-3, 1e-4)
 FILES = ("study.json", "study.csv", "study.md", "study.png")

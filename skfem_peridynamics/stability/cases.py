@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from .book import Book, Verdict, told
-from .geometry import extreme_geometry, refusals
-from .limits import around_the_limit
-from .loads import both_ways, energy_balance
+from .change_of_units import units
+from .extreme_materials import any_strain, brittle_and_tough, contrasts
+from .extreme_meshes import extreme_geometry, refusals
 from .long_runs import a_million_linear_steps, near_softening
-from .materials import any_strain, brittle_and_tough, contrasts
-from .race import race
-from .tear import tear
-from .units import units
+from .step_limit import around_the_limit
+from .stiff_race import race
+from .sudden_loads import both_ways, energy_balance
+from .torn_plate import tear
+from .verdicts import Book, Verdict, told
 
 
 @dataclass(frozen=True)

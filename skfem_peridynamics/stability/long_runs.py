@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from .._types import Floats
-from ..analysis.motion import unit_box
 from ..bonds.ball_rule import BallRule
 from ..material.potential import Exponential, Linear
 from ..model.mass import mass_matrix
 from ..solve.central_difference import central_difference
+from ..study.known_motion import unit_box
 from .bodies import ball, body_on, exact_limit, stretch
-from .book import Book
+from .verdicts import Book
 
 _AXES = ("steps", "energy error")
 _SOFTENING = 0.02  # b r S^2 of the bar near softening, where its standing wave stays smooth

@@ -7,16 +7,16 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from .._types import Floats, Mesh
-from ..analysis.motion import unit_box
 from ..bonds.pair_rule import PairRule
 from ..material.potential import Linear
 from ..model.mass import mass_matrix
 from ..model.rigidity import check_rigid
 from ..solve.central_difference import central_difference
 from ..solve.cfl import stable_time_step
+from ..study.known_motion import unit_box
 from .bodies import ball, body_on, exact_limit
-from .book import Book
 from .oracles import energy_of_a_stretch, energy_of_pairs, zero_modes
+from .verdicts import Book
 
 _STEPS = 100
 

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from .._version import __version__
-from ..analysis.manufactured import Manufactured
-from ..analysis.motion import Motion, law_of, unit_box
-from ..analysis.study import TIME_SHARE, Row, measure, rate, time_constant
-from ..analysis.waves import StandingWave
 from ..bonds.ball_rule import BallRule
 from ..bonds.pair_rule import PairRule
 from ..model.discretisation import CLASSICAL, Scheme
+from .known_motion import Motion, law_of, unit_box
+from .manufactured import Manufactured
+from .measure import TIME_SHARE, Row, measure, rate, time_constant
+from .standing_wave import StandingWave
 
 Report = Callable[[str], None]
 
@@ -183,8 +183,8 @@ class Result:
     notes: list[str] = field(default_factory=list)
 
     def as_json(self) -> str:
-        from ..analysis.study import as_dict
-        from .output import _plain
+        from ..app.output import _plain
+        from .measure import as_dict
 
         content = {
             "study": self.name,

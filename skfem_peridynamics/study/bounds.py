@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from ..analysis.dispersion import dispersion
 from ..material.influence import as_influence
 from ..material.potential import Potential
-from .dispersion import dispersion
 from .manufactured import Manufactured
 
 

@@ -9,19 +9,6 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from .._types import Floats
-from ..analysis.bounds import (
-    convergence_constants,
-    discussion,
-    energy_bound,
-    lipschitz_constant,
-    sharper_constant,
-    symbol_supremum,
-)
-from ..analysis.local_limit import distance_to_local
-from ..analysis.manufactured import Manufactured
-from ..analysis.motion import law_of, unit_box
-from ..analysis.study import measure, prepare, rate, time_constant
-from ..analysis.velocity import velocity_equation
 from ..bonds.ball_rule import BallRule
 from ..bonds.bond_basis import BondBasis
 from ..bonds.pair_rule import PairRule, Rule
@@ -30,6 +17,19 @@ from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics
 from ..model.space import vector_basis
 from ..solve.central_difference import central_difference
+from .bounds import (
+    convergence_constants,
+    discussion,
+    energy_bound,
+    lipschitz_constant,
+    sharper_constant,
+    symbol_supremum,
+)
+from .known_motion import law_of, unit_box
+from .local_limit import distance_to_local
+from .manufactured import Manufactured
+from .measure import measure, prepare, rate, time_constant
+from .velocity import velocity_equation
 
 Table = tuple[str, tuple[str, ...], list[tuple[Any, ...]]]
 Report = Callable[[str], None]

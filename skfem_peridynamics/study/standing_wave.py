@@ -9,11 +9,11 @@ from math import pi
 import numpy as np
 
 from .._types import Basis, Floats
+from ..analysis.dispersion import dispersion
 from ..geometry.layers import collar
 from ..material.potential import Potential
 from ..solve.constraints import Prescribed
-from .dispersion import dispersion
-from .motion import Motion
+from .known_motion import Motion
 
 
 @dataclass(frozen=True)

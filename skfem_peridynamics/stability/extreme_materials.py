@@ -9,7 +9,6 @@ import numpy as np
 from scipy import linalg
 
 from .._types import Floats, Mesh
-from ..analysis.motion import unit_box
 from ..bonds.bond_basis import BondBasis
 from ..material.composite import Composite
 from ..material.material import Material
@@ -20,8 +19,9 @@ from ..model.space import vector_basis
 from ..solve.central_difference import central_difference
 from ..solve.cfl import stable_time_step
 from ..solve.newmark import newmark
+from ..study.known_motion import unit_box
 from .bodies import ball, body_on, exact_limit, stretch
-from .book import Book
+from .verdicts import Book
 
 # A matrix of contrast 1e8 does not know the soft springs that stiff parts hang on better than this: round-off of its
 # stiff entries, 1e-16 * 1e8 * (body / horizon)^2, is 1e-6 to 1e-5 of them, and Newmark's accelerations add it up.

@@ -17,9 +17,9 @@ import numpy as np
 from .._types import Basis, Floats, Load
 from ..material.potential import Exponential, Linear, Potential
 from ..solve.constraints import Prescribed
-from .box_force import force_moments
+from .exact_force import force_moments
 from .force_table import ForceTable
-from .motion import Motion
+from .known_motion import Motion
 
 
 @dataclass(frozen=True)

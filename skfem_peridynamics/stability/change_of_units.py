@@ -7,7 +7,6 @@ import scipy.sparse as sparse
 
 from .._scaling import whole_power
 from .._types import Floats
-from ..analysis.motion import unit_box
 from ..bonds.bond_basis import BondBasis
 from ..bonds.pair_rule import PairRule
 from ..material.material import Material
@@ -16,8 +15,9 @@ from ..model.peridynamics import Peridynamics
 from ..model.space import vector_basis
 from ..solve.central_difference import central_difference
 from ..solve.cfl import stable_time_step
+from ..study.known_motion import unit_box
 from .bodies import ball
-from .book import Book
+from .verdicts import Book
 
 # factors of length, of stress and of time
 SCALES = {

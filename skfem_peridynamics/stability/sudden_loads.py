@@ -10,14 +10,14 @@ import numpy as np
 
 from .._types import Floats
 from ..analysis.damage import census
-from ..analysis.motion import unit_box
 from ..material.potential import Exponential
 from ..model.mass import mass_matrix
 from ..solve.central_difference import central_difference
 from ..solve.cfl import stable_time_step
 from ..solve.newmark import newmark
+from ..study.known_motion import unit_box
 from .bodies import body_on, stretch
-from .book import Book
+from .verdicts import Book
 
 DEFAULT = 0.9  # of the limit
 _ALLOWED = 5e-3  # of the peak energy

@@ -6,15 +6,15 @@ import re
 
 import numpy as np
 
-from ..analysis.motion import unit_box
 from ..material.potential import Exponential, Linear, Potential, Rational
 from ..model.mass import mass_matrix
 from ..solve.central_difference import central_difference
 from ..solve.cfl import stable_time_step
 from ..solve.instability import BROKEN_BEYOND, UnstableRun
 from ..solve.newmark import newmark
+from ..study.known_motion import unit_box
 from .bodies import ball, body_on, exact_limit, pairs, stretch
-from .book import Book
+from .verdicts import Book
 
 STEPS = 1000
 FACTORS = (0.90, 0.99, 0.999, 1.001, 1.01)

@@ -16,7 +16,7 @@ from ..model.space import vector_basis
 from ..solve.constraints import Prescribed
 from ..solve.newton import Effort
 from ..solve.static import static
-from .book import Book
+from .verdicts import Book
 
 _TOUGHNESS, _PER_HORIZON = 1e-4, 4
 

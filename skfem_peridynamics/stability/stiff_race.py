@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from .._types import Csr, Floats, Load, Longs
-from ..analysis.motion import unit_box
 from ..bonds.bond_basis import BondBasis
 from ..geometry.layers import collar
 from ..geometry.slit import Crack, slit
@@ -26,8 +25,9 @@ from ..solve.cfl import stable_time_step
 from ..solve.constraints import Prescribed
 from ..solve.newmark import newmark
 from ..solve.static import static
-from .book import Book
-from .geometry import axis_with_a_twin
+from ..study.known_motion import unit_box
+from .extreme_meshes import axis_with_a_twin
+from .verdicts import Book
 
 TARGET = 1e-2  # relative error of the displacement at the end, in the norm of the mass
 _SAFETY, _REFERENCE = 0.95, 0.25  # of the limit

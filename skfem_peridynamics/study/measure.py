@@ -20,7 +20,7 @@ from ..model.space import vector_basis
 from ..solve.central_difference import central_difference
 from ..solve.cfl import StepLimit, stable_time_step
 from ..solve.constraints import Prescribed
-from .motion import Motion, unit_box
+from .known_motion import Motion, unit_box
 
 _FARTHEST = 8.0  # how far below the smallest error of its runs seconds are extrapolated
 SAFETY = 0.9  # of the stable limit

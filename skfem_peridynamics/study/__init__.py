@@ -1,0 +1,1 @@
+"""Error against run time, and the paper's theorems beside what is measured."""
