@@ -35,9 +35,9 @@ from .solve.state import Energies, State, load_state, save_state
 from .solve.static import Equilibrium, static
 
 if TYPE_CHECKING:
-    from .app.output import Frames
-    from .app.run import run
-    from .app.scene import Scene
+    from .app.files.frames import Frames
+    from .app.run.run import run
+    from .app.scene.scene import Scene
 
 __all__ = [
     "BallRule",
@@ -100,7 +100,7 @@ __all__ = [
     "traction",
 ]
 
-_APP = {"Frames": "output", "Scene": "scene", "run": "run"}
+_APP = {"Frames": "files.frames", "Scene": "scene.scene", "run": "run.run"}
 
 
 def __getattr__(name: str) -> Any:

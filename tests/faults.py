@@ -12,10 +12,10 @@ import meshio
 import numpy as np
 
 from skfem_peridynamics import Scene, run
-from skfem_peridynamics.app.checkpoint import DamagedCheckpoint, read_checkpoint
-from skfem_peridynamics.app.files import OutputError
-from skfem_peridynamics.app.progress import Silent
-from skfem_peridynamics.app.record import COLUMNS
+from skfem_peridynamics.app.files.checkpoint import DamagedCheckpoint, read_checkpoint
+from skfem_peridynamics.app.files.whole_files import OutputError
+from skfem_peridynamics.app.run.progress import Silent
+from skfem_peridynamics.app.run.record import COLUMNS
 
 SMALL = """
 title = "small"

@@ -10,9 +10,9 @@ import skfem
 
 from bodies import box
 from skfem_peridynamics import Scene
-from skfem_peridynamics.app.build import Problem
-from skfem_peridynamics.app.cli import main
-from skfem_peridynamics.app.reading import SceneError
+from skfem_peridynamics.app.cli.main import main
+from skfem_peridynamics.app.problem.problem import Problem
+from skfem_peridynamics.app.scene.reading import SceneError
 from skfem_peridynamics.model.discretisation import CLASSICAL
 from skfem_peridynamics.study.choose_rule import (
     BALANCED_PAIRS,

@@ -17,9 +17,9 @@ from faults import RESULTS, SMALL, StopAt, Stopped, results, small, stop
 import skfem_peridynamics as peri
 from skfem_peridynamics import Scene, run
 from skfem_peridynamics._clock import Clock
-from skfem_peridynamics.app import build, identity
-from skfem_peridynamics.app.build import Problem
-from skfem_peridynamics.app.checkpoint import (
+from skfem_peridynamics.app.cli.main import main
+from skfem_peridynamics.app.files import identity
+from skfem_peridynamics.app.files.checkpoint import (
     NAME,
     OLDER,
     Checkpoint,
@@ -28,10 +28,11 @@ from skfem_peridynamics.app.checkpoint import (
     read_checkpoint,
     write_checkpoint,
 )
-from skfem_peridynamics.app.cli import main
-from skfem_peridynamics.app.earlier import go_on, look_back
-from skfem_peridynamics.app.reading import SceneError
-from skfem_peridynamics.app.signals import Interrupted, Signals
+from skfem_peridynamics.app.problem import problem as build
+from skfem_peridynamics.app.problem.problem import Problem
+from skfem_peridynamics.app.run.resume import go_on, look_back
+from skfem_peridynamics.app.run.signals import Interrupted, Signals
+from skfem_peridynamics.app.scene.reading import SceneError
 from skfem_peridynamics.solve.instability import Watch
 from skfem_peridynamics.solve.state import State
 
@@ -208,7 +209,7 @@ def test_hours_are_not_thrown_away_unasked(tmp_path, monkeypatch, capsys):
     (tmp_path / "scene.toml").write_text(SMALL)
     out = tmp_path / "out"
     stop(small(), out, 12)
-    monkeypatch.setattr("skfem_peridynamics.app.earlier.WORTH_KEEPING", 0.0)
+    monkeypatch.setattr("skfem_peridynamics.app.run.resume.WORTH_KEEPING", 0.0)
     kept = read_checkpoint(out / NAME)
     for name, value in (("seconds", {"steps": "many"}), ("run", {"scene": [1], "versions": 7, "mesh": None})):
         write_checkpoint(tmp_path, replace(kept, facts=kept.facts | {name: value}))

@@ -289,7 +289,7 @@ def test_code_of_other_loops_is_not_taken_from_a_cache(tmp_path):
     package = tmp_path / "new" / "skfem_peridynamics"
     shutil.copytree(Path(peri.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
     old = run_with(tmp_path / "cache", path=package.parent)
-    law = package / "model" / "law_loops.py"
+    law = package / "engine" / "law_loops.py"
     law.write_text(law.read_text().replace("twice = 2.0 * slope", "twice = 4.0 * slope"))
     assert run_with(tmp_path / "cache", path=package.parent) == pytest.approx(2 * old, rel=1e-12)
 

@@ -9,10 +9,11 @@ import skfem
 
 from bodies import grid
 from skfem_peridynamics import Crack, Scene, slit
-from skfem_peridynamics.app import cost, estimate
-from skfem_peridynamics.app.build import Problem
-from skfem_peridynamics.app.cli import main
-from skfem_peridynamics.app.estimate import distance, move, order_of, prolongation
+from skfem_peridynamics.app.cli.main import main
+from skfem_peridynamics.app.problem import cost
+from skfem_peridynamics.app.problem.problem import Problem
+from skfem_peridynamics.app.run import estimate
+from skfem_peridynamics.app.run.estimate import distance, move, order_of, prolongation
 
 WAVE = """
 title = "a bump that spreads"

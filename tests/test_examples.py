@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from skfem_peridynamics import Scene, run
-from skfem_peridynamics.app.build import Problem
+from skfem_peridynamics.app.problem.problem import Problem
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 

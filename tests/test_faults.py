@@ -16,12 +16,13 @@ import pytest
 from faults import FULL_DISK, SMALL, forked, killed_run, last_step, nothing_corrupt, results, small, starved_run, stop
 
 from skfem_peridynamics import UnstableRun, run
-from skfem_peridynamics.app import files, output
-from skfem_peridynamics.app.checkpoint import NAME, read_checkpoint
-from skfem_peridynamics.app.cli import main
-from skfem_peridynamics.app.files import OutputError, hold
-from skfem_peridynamics.app.reading import SceneError
-from skfem_peridynamics.app.signals import Signals
+from skfem_peridynamics.app.cli.main import main
+from skfem_peridynamics.app.files import frames as output
+from skfem_peridynamics.app.files import whole_files as files
+from skfem_peridynamics.app.files.checkpoint import NAME, read_checkpoint
+from skfem_peridynamics.app.files.whole_files import OutputError, hold
+from skfem_peridynamics.app.run.signals import Signals
+from skfem_peridynamics.app.scene.reading import SceneError
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +123,7 @@ def test_a_full_disk_names_the_file(name, whole, tmp_path, monkeypatch, caplog):
         return Full(real(path), room) if path.name == f"{name}.part" else real(path)
 
     monkeypatch.setattr(files, "open_new", open_new)
-    monkeypatch.setattr("skfem_peridynamics.app.checkpoint.open_new", open_new)
+    monkeypatch.setattr("skfem_peridynamics.app.files.checkpoint.open_new", open_new)
     if name.endswith(".vtu"):
         import meshio
 

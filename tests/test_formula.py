@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skfem_peridynamics.app.formula import Formula, FormulaError
+from skfem_peridynamics.app.scene.formula import Formula, FormulaError
 
 X = np.array([[0.5, 1.0, -2.0], [3.0, 0.25, 1.0]])
 

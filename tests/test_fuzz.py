@@ -25,9 +25,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from skfem_peridynamics import Scene, run
-from skfem_peridynamics.app.checkpoint import NAME, OLDER
-from skfem_peridynamics.app.cli import main
-from skfem_peridynamics.app.reading import SceneError
+from skfem_peridynamics.app.cli.main import main
+from skfem_peridynamics.app.files.checkpoint import NAME, OLDER
+from skfem_peridynamics.app.scene.reading import SceneError
 
 SECONDS, MEMORY = 10.0, 1 << 30
 STEPS = 300  # a scene of more is checked, not run

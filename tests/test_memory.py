@@ -7,9 +7,9 @@ from faults import small
 
 from skfem_peridynamics import _memory as memory
 from skfem_peridynamics._memory import _of_group, free_memory
-from skfem_peridynamics.app import build
-from skfem_peridynamics.app.check import check
-from skfem_peridynamics.app.reading import SceneError
+from skfem_peridynamics.app.problem import problem as build
+from skfem_peridynamics.app.run.check import check
+from skfem_peridynamics.app.scene.reading import SceneError
 
 
 def test_a_control_group_and_those_above_it(tmp_path):

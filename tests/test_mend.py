@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import skfem
 
-from skfem_peridynamics.app.meshes import read_mesh
-from skfem_peridynamics.app.reading import SceneError
+from skfem_peridynamics.app.problem.domain import read_mesh
+from skfem_peridynamics.app.scene.reading import SceneError
 from skfem_peridynamics.geometry.simplices import element_volumes
 from skfem_peridynamics.meshes.cells import to_simplices
 from skfem_peridynamics.meshes.mend import Raw, mend
@@ -251,7 +251,7 @@ def test_simplices_come_in_the_order_of_their_cells():
 def test_a_scene_by_the_names_of_its_groups(tmp_path):
     """Materials, loads, supports and a crack of a real file, all by name."""
     from skfem_peridynamics import Scene
-    from skfem_peridynamics.app.build import Problem
+    from skfem_peridynamics.app.problem.problem import Problem
 
     scene = Scene.parse(
         """

@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 
 from skfem_peridynamics import Scene, run
-from skfem_peridynamics.app.cli import main
-from skfem_peridynamics.app.identity import as_tables
-from skfem_peridynamics.app.reading import SceneError
-from skfem_peridynamics.app.report import page
-from skfem_peridynamics.app.results import Results
-from skfem_peridynamics.app.toml_text import to_toml
+from skfem_peridynamics.app.cli.main import main
+from skfem_peridynamics.app.files.identity import as_tables
+from skfem_peridynamics.app.files.results import Results
+from skfem_peridynamics.app.report.run_page import page
+from skfem_peridynamics.app.scene.reading import SceneError
+from skfem_peridynamics.app.scene.toml_text import to_toml
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 TORN = """
@@ -203,7 +203,7 @@ def test_rows_of_other_columns_are_not_gone_on_with(tmp_path):
 
     from faults import stop
 
-    from skfem_peridynamics.app.checkpoint import NAME, read_checkpoint, write_checkpoint
+    from skfem_peridynamics.app.files.checkpoint import NAME, read_checkpoint, write_checkpoint
 
     scene = Scene.parse(change("pictures = true", "pictures = false, checkpoint_every = 5"))
     stop(scene, tmp_path, 20)
@@ -224,7 +224,7 @@ def test_notes_are_those_of_the_run_itself(tmp_path):
     import logging
     import threading
 
-    from skfem_peridynamics.app.notes import keep_notes
+    from skfem_peridynamics.app.run.logged import keep_notes
 
     log = logging.getLogger("skfem_peridynamics")
     with keep_notes() as notes:
@@ -367,7 +367,7 @@ def test_toml_round_trip():
 
 def test_verdicts(tmp_path):
     """A sentence for every end of a run."""
-    from skfem_peridynamics.app.report import verdict
+    from skfem_peridynamics.app.report.run_page import verdict
 
     def of(**summary):
         return verdict(Results(tmp_path, summary, {}, ()))
@@ -440,8 +440,8 @@ def test_plot_draws_from_the_files(torn, tmp_path, capsys):
 
 
 def test_an_animation_that_fails_leaves_nothing(torn, tmp_path, monkeypatch):
-    from skfem_peridynamics.app import plot_body
-    from skfem_peridynamics.app.pictures import draw_animation
+    from skfem_peridynamics.app.report import body_pictures
+    from skfem_peridynamics.app.report.run_pictures import draw_animation
 
     out = tmp_path / "copy"
     shutil.copytree(torn[0], out)
@@ -453,7 +453,7 @@ def test_an_animation_that_fails_leaves_nothing(torn, tmp_path, monkeypatch):
         if len(calls) == 3:
             raise MemoryError
 
-    monkeypatch.setattr(plot_body, "_map", draw)
+    monkeypatch.setattr(body_pictures, "_map", draw)
     with pytest.raises(MemoryError):
         draw_animation(Results.read(out))
     assert sorted(path.name for path in out.iterdir()) == before
@@ -515,7 +515,7 @@ def test_plot_of_nothing(tmp_path, capsys):
 
 
 def test_no_matplotlib_no_report(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("skfem_peridynamics.app.plot.available", lambda: False)
+    monkeypatch.setattr("skfem_peridynamics.app.report.figure.available", lambda: False)
     with pytest.raises(SceneError, match='a report needs matplotlib: install the extra "plot"'):
         run(Scene.parse(change("pictures = true", "pictures = false")), tmp_path / "out", with_report=True)
     assert not (tmp_path / "out").exists()

@@ -12,7 +12,7 @@ import skfem
 
 from bodies import vector_basis
 from skfem_peridynamics import Frames, Scene, run
-from skfem_peridynamics.app.cli import main
+from skfem_peridynamics.app.cli.main import main
 from test_scene import GOOD, change
 
 KEYS = [
@@ -237,8 +237,8 @@ import skfem_peridynamics as peri
 heavy = {"meshio", "matplotlib", "tomllib", "pyamg", "numba", "rich", "scipy.integrate", "scipy.spatial"}
 assert not heavy & set(sys.modules), heavy & set(sys.modules)
 assert not any(name.startswith("skfem_peridynamics.app") for name in sys.modules)
-from skfem_peridynamics.app.build import Problem
-from skfem_peridynamics.model import kernels, mass, peridynamics
+from skfem_peridynamics.app.problem.problem import Problem
+from skfem_peridynamics.model import peridynamics
 calls = []
 for owner, name in ((peridynamics.Peridynamics, "tangent"), (peridynamics.Peridynamics, "stiffness"),
                     (peridynamics.Peridynamics, "tangent_operator"), (peridynamics.Peridynamics, "assemble")):
@@ -248,12 +248,12 @@ for owner, name in ((peridynamics.Peridynamics, "tangent"), (peridynamics.Peridy
         return _original(*args, **keys)
     setattr(owner, name, counted)
 kinds = []
-from skfem_peridynamics.app import build
-original_mass = build.mass_matrix
+from skfem_peridynamics.app.problem import problem
+original_mass = problem.mass_matrix
 def counted_mass(*args, kind="lumped", **keys):
     kinds.append(kind)
     return original_mass(*args, kind=kind, **keys)
-build.mass_matrix = counted_mass
+problem.mass_matrix = counted_mass
 summary = peri.run(peri.Scene.read(sys.argv[1]), sys.argv[2])
 assert summary["status"] == "finished"
 assert calls == [], calls

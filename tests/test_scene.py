@@ -8,8 +8,8 @@ import pytest
 import skfem
 
 from skfem_peridynamics import Scene
-from skfem_peridynamics.app.cli import main
-from skfem_peridynamics.app.reading import SceneError
+from skfem_peridynamics.app.cli.main import main
+from skfem_peridynamics.app.scene.reading import SceneError
 
 GOOD = """
 title = "small"
@@ -208,13 +208,13 @@ def test_a_mesh_file_that_is_none(tmp_path, capsys):
 
 
 def test_no_matplotlib_is_said_before_anything_is_made(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("skfem_peridynamics.app.plot.available", lambda: False)
+    monkeypatch.setattr("skfem_peridynamics.app.report.figure.available", lambda: False)
     told = complaint(capsys, tmp_path, change("pictures = false", "pictures = true"))
     assert 'output.pictures = true needs matplotlib: install the extra "plot"' in told
 
 
 def test_more_bonds_than_memory_holds(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("skfem_peridynamics.app.build.free_memory", lambda: 1e6)
+    monkeypatch.setattr("skfem_peridynamics.app.problem.problem.free_memory", lambda: 1e6)
     assert "bonds.horizon = 0.13 makes about" in complaint(capsys, tmp_path, GOOD)
 
 
@@ -310,7 +310,7 @@ def test_our_own_fault_is_exit_1(tmp_path, capsys, monkeypatch):
     def broken(*args):
         raise ZeroDivisionError("oops")
 
-    monkeypatch.setattr("skfem_peridynamics.app.record.census", broken)
+    monkeypatch.setattr("skfem_peridynamics.app.run.record.census", broken)
     (tmp_path / "scene.toml").write_text(GOOD)
     assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == 1
     assert "a fault of the program, please report it: ZeroDivisionError: oops" in capsys.readouterr().err
@@ -327,7 +327,7 @@ def test_the_same_dataclasses_are_the_python_interface():
 
 
 def test_time_dependent_loads_and_motions_agree_with_the_library():
-    from skfem_peridynamics.app.build import Problem
+    from skfem_peridynamics.app.problem.problem import Problem
 
     content = change('[0, 0.01], on = "top", layer = 0.13', '[0, "0.01*cos(3*t)*x"], on = "top"').replace(
         "displacement = 0}", 'velocity = "t*y"}'

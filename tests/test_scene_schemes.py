@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import skfem_peridynamics as peri
-from skfem_peridynamics.app.build import Problem
-from skfem_peridynamics.app.cli import main
-from skfem_peridynamics.app.estimate import move
+from skfem_peridynamics.app.cli.main import main
+from skfem_peridynamics.app.problem.problem import Problem
+from skfem_peridynamics.app.run.estimate import move
 from test_scene import GOOD, complaint
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -59,7 +59,7 @@ def test_newmark_and_central_difference_run_to_the_same_end(tmp_path):
 
 
 def test_an_implicit_scene_computes_no_limit(tmp_path, monkeypatch):
-    import skfem_peridynamics.app.build as build
+    import skfem_peridynamics.app.problem.problem as build
 
     def never(*arguments, **options):
         raise AssertionError
@@ -71,7 +71,7 @@ def test_an_implicit_scene_computes_no_limit(tmp_path, monkeypatch):
 
 
 def test_a_static_scene_builds_no_mass(tmp_path, monkeypatch):
-    import skfem_peridynamics.app.build as build
+    import skfem_peridynamics.app.problem.problem as build
 
     monkeypatch.setattr(build, "mass_matrix", None)
     summary = ran(tmp_path, PULLED)

@@ -8,8 +8,8 @@ import pytest
 
 import skfem_peridynamics as peri
 from bodies import body_on, box
-from skfem_peridynamics.app.cli import main
-from skfem_peridynamics.app.stability_report import allowed, as_markdown, nearness
+from skfem_peridynamics.app.cli.main import main
+from skfem_peridynamics.app.report.stability_page import allowed, as_markdown, nearness
 from skfem_peridynamics.geometry.simplices import edge_of_volume
 from skfem_peridynamics.model.space import vector_basis
 from skfem_peridynamics.stability import cases, oracles
@@ -266,7 +266,7 @@ def test_sizes_scale_with_the_same_bits(dim):
     volume = np.random.default_rng(0).uniform(0.1, 10.0, 1000)
     edge = edge_of_volume(volume, dim)
     np.testing.assert_allclose(edge**dim, volume, rtol=1e-14)
-    for power in (-340, -40, -3, 1, 17, 300):
+    for power in (-330, -40, -3, 1, 17, 300):
         assert (edge_of_volume(volume * 2.0 ** (power * dim), dim) == edge * 2.0**power).all()
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from reference import force_on_square
 from skfem_peridynamics import BallRule, Exponential, Linear, PairRule, Rational
-from skfem_peridynamics.app.cli import main
+from skfem_peridynamics.app.cli.main import main
 from skfem_peridynamics.model.discretisation import CLASSICAL, Scheme
 from skfem_peridynamics.study.catalogue import STUDIES, entrants
 from skfem_peridynamics.study.exact_force import force_moments

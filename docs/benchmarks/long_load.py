@@ -14,8 +14,8 @@ from dataclasses import replace
 from itertools import pairwise
 
 import skfem_peridynamics as peri
-from skfem_peridynamics.app.build import Problem
-from skfem_peridynamics.app.progress import Silent
+from skfem_peridynamics.app.problem.problem import Problem
+from skfem_peridynamics.app.run.progress import Silent
 
 SCENE = """
 title = "load"

@@ -1,4 +1,4 @@
-"""Make skfem_peridynamics/app/measured.csv, the table behind rule = "auto", from study.csv files.
+"""Make skfem_peridynamics/study/measured.csv, the table behind rule = "auto", from study.csv files.
 
     python docs/benchmarks/make_measured.py out/smooth-1d/study.csv out/smooth-2d/study.csv out/smooth-3d/study.csv
 
@@ -13,7 +13,7 @@ from skfem_peridynamics.study.choose_rule import CANDIDATES
 
 COLUMNS = ("dim", "mesh", "scheme", "per_horizon", "error", "setup", "step")
 known = {scheme.name for schemes in CANDIDATES.values() for scheme in schemes}
-target = Path(__file__).parents[2] / "skfem_peridynamics" / "app" / "measured.csv"
+target = Path(__file__).parents[2] / "skfem_peridynamics" / "study" / "measured.csv"
 with open(target, "w", newline="") as out:
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(COLUMNS)

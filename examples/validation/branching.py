@@ -10,8 +10,8 @@ from scenes import read
 from scenes import run as run_scene
 
 from skfem_peridynamics.analysis.crack import CRACKED
-from skfem_peridynamics.app.plot_body import plot_damage
-from skfem_peridynamics.app.results import Results
+from skfem_peridynamics.app.files.results import Results
+from skfem_peridynamics.app.report.body_pictures import plot_damage
 
 LOADS = (2.0, 4.0, 6.0, 12.0)  # MPa
 

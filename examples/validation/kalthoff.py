@@ -10,8 +10,8 @@ from scenes import read
 from scenes import run as run_scene
 
 from skfem_peridynamics.analysis.crack import CRACKED
-from skfem_peridynamics.app.plot_body import plot_damage
-from skfem_peridynamics.app.results import Results
+from skfem_peridynamics.app.files.results import Results
+from skfem_peridynamics.app.report.body_pictures import plot_damage
 
 TIP, NOTCHES = 0.05, ((0.125, 1.0), (0.075, -1.0))
 

@@ -97,7 +97,7 @@ def draw_lines(
     wanted: float | None = None,
 ) -> None:
     """Draw lines through points, and a dashed one where they should be."""
-    from skfem_peridynamics.app.plot import new_figure, save
+    from skfem_peridynamics.app.report.figure import new_figure, save
 
     figure = new_figure(5.6, 3.6)
     axes = figure.add_subplot()

@@ -13,7 +13,7 @@ import skfem
 from page import Page
 
 import skfem_peridynamics as peri
-from skfem_peridynamics.app.results import Results
+from skfem_peridynamics.app.files.results import Results
 
 HERE = Path(__file__).parent
 

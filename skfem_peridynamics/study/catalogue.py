@@ -183,7 +183,7 @@ class Result:
     notes: list[str] = field(default_factory=list)
 
     def as_json(self) -> str:
-        from ..app.output import _plain
+        from ..app.files.frames import _plain
         from .measure import as_dict
 
         content = {

@@ -64,7 +64,7 @@ class Choice:
 @cache
 def table() -> tuple[Measured, ...]:
     """Return the measured table that comes with the package (docs/benchmarks/make_measured.py makes it)."""
-    text = files("skfem_peridynamics.app").joinpath("measured.csv").read_text()
+    text = files("skfem_peridynamics.study").joinpath("measured.csv").read_text()
     lines = csv.DictReader(text.splitlines())
     return tuple(
         Measured(

@@ -1,0 +1,1 @@
+"""What a run writes and reads: whole or not at all."""

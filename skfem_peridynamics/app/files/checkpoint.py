@@ -1,0 +1,170 @@
+"""Checkpoints: all that a run needs to go on to the same bits, in one file with a checksum. Two are kept.
+
+A file is a line that names the format, a line of JSON with the numbers, the vectors as doubles, and a line with the
+SHA-256 of all that. Nothing is unpickled.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from ..._types import Floats
+from ...solve.preconditioner import Memory
+from ...solve.state import State
+from ...solve.static import Equilibrium
+from .whole_files import OutputError, aside, open_new, write_all
+
+NAME, OLDER = "checkpoint.bin", "checkpoint_older.bin"
+_FIRST = b"skfem-peridynamics checkpoint 1\n"
+_LONGEST = 1 << 26  # bytes of the line of JSON
+_SUM = 65  # bytes of the last line
+_KINDS: dict[str, tuple[type[Any], tuple[str, ...], tuple[str, ...]]] = {
+    "state": (State, ("t", "step", "dt", "work", "initial", "initial_ripple", "lag", "dissipated"), ("u", "v", "a")),
+    "equilibrium": (Equilibrium, ("t", "step", "dt", "work", "initial", "dissipated"), ("u", "reaction", "change")),
+}
+
+
+class DamagedCheckpoint(ValueError):
+    """A file that is no checkpoint, or no longer; the message names it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """A state of a run, the rows and the times of the frames written until then, and ``facts`` for JSON."""
+
+    state: State | Equilibrium
+    rows: list[tuple[float, ...]]
+    frames: list[float]
+    facts: dict[str, Any] = field(default_factory=dict)
+
+
+def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
+    """Write a checkpoint aside and rename it; the one before is kept. Raises ``OutputError``."""
+    state, path = checkpoint.state, folder / NAME
+    kind = "equilibrium" if isinstance(state, Equilibrium) else "state"
+    _, numbers, names = _KINDS[kind]
+    vectors = {name: getattr(state, name) for name in names if getattr(state, name) is not None}
+    header: dict[str, Any] = {
+        "kind": kind,
+        "numbers": {name: getattr(state, name) for name in numbers},
+        "rows": checkpoint.rows,
+        "frames": checkpoint.frames,
+        "facts": checkpoint.facts,
+    }
+    if state.memory is not None:
+        header["spent"] = state.memory.spent
+        if state.memory.tangent is not None:
+            vectors["tangent"] = state.memory.tangent
+    if state.broken is not None:
+        header["broken"] = [one.tolist() for one in state.broken]
+    header["vectors"] = list(vectors)
+    with aside(path) as part:
+        with open_new(part) as file:
+            made = hashlib.sha256()
+            content: list[bytes | memoryview] = [_FIRST, json.dumps(header).encode() + b"\n"]
+            content += [np.ascontiguousarray(x, dtype="<f8").data.cast("B") for x in vectors.values()]
+            for one in content:
+                made.update(one)
+                write_all(file, one)
+            write_all(file, made.hexdigest().encode() + b"\n")
+            os.fsync(file.fileno())
+        with contextlib.suppress(FileNotFoundError):
+            os.replace(path, folder / OLDER)
+
+
+def read_checkpoint(path: Path) -> Checkpoint:
+    """Read a checkpoint. Raises :class:`DamagedCheckpoint` for a file that is not what was written."""
+    try:
+        with open(path, "rb") as file:
+            return _read(file, path.stat().st_size)
+    except DamagedCheckpoint as error:
+        raise DamagedCheckpoint(f"{str(path)!r} is damaged: {error}") from None
+    except OSError as error:
+        raise DamagedCheckpoint(f"{str(path)!r} cannot be read: {error.strerror}") from None
+    except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError, MemoryError) as error:
+        raise DamagedCheckpoint(f"{str(path)!r} is not a checkpoint that a run wrote: {error}") from None
+
+
+def _read(file: IO[bytes], size: int) -> Checkpoint:
+    if file.readline(len(_FIRST)) != _FIRST:
+        raise DamagedCheckpoint("it does not begin as one")
+    _check_sum(file, size)
+    file.seek(len(_FIRST))
+    line = file.readline(_LONGEST)
+    header = json.loads(line)
+    kind, numbers, names = _KINDS[header["kind"]]
+    known = {"dissipated": 0.0} | header["numbers"]  # which older files lack
+    given: dict[str, Any] = {name: float(known[name]) for name in numbers}
+    given["step"] = int(header["numbers"]["step"])
+    count = len(header["vectors"])
+    length, rest = divmod(size - len(_FIRST) - len(line) - _SUM, 8 * count)
+    if rest or not np.isfinite(list(given.values())).all():
+        raise DamagedCheckpoint("its numbers do not fit")
+    vectors: dict[str, Floats] = {
+        str(name): np.frombuffer(file.read(8 * length), dtype="<f8").astype(float) for name in header["vectors"]
+    }
+    memory = Memory(int(header["spent"]), vectors.pop("tangent", None)) if "spent" in header else None
+    if "broken" in header:
+        given["broken"] = tuple(np.array(one, dtype=np.int64).reshape(-1) for one in header["broken"])
+    if not set(vectors) <= set(names):
+        raise DamagedCheckpoint("its vectors do not fit")
+    rows = [tuple(value if isinstance(value, int) else float(value) for value in row) for row in header["rows"]]
+    return Checkpoint(
+        kind(**given, **vectors, memory=memory), rows, [float(t) for t in header["frames"]], dict(header["facts"])
+    )
+
+
+def _check_sum(file: IO[bytes], size: int) -> None:
+    made, left = hashlib.sha256(), size - _SUM
+    file.seek(0)
+    while left > 0:
+        some = file.read(min(left, 1 << 20))
+        if not some:
+            break
+        made.update(some)
+        left -= len(some)
+    if file.read(_SUM + 1) != made.hexdigest().encode() + b"\n":
+        raise DamagedCheckpoint("its checksum does not match what it holds")
+
+
+def latest(folder: Path, tell: Callable[[str], None]) -> Checkpoint | None:
+    """Return the newest checkpoint that is whole, or None where there is none; ``tell`` hears of a damaged one.
+
+    Raises :class:`DamagedCheckpoint` where there are checkpoints and none is whole.
+    """
+    damaged: list[str] = []
+    for name in (NAME, OLDER):
+        path = folder / name
+        if not path.is_symlink() and not path.exists():
+            continue
+        try:
+            found = read_checkpoint(path)
+        except DamagedCheckpoint as error:
+            damaged.append(str(error))
+            continue
+        for one in damaged:
+            tell(f"{one}; going on from the older one, of step {found.state.step}")
+            with contextlib.suppress(OSError):  # the next one must not take the place of the one that is whole
+                (folder / NAME).unlink()
+        return found
+    if damaged:
+        raise DamagedCheckpoint(f"{damaged[0]}, and there is no other; remove it to start afresh")
+    return None
+
+
+def remove(folder: Path) -> None:
+    """Remove the checkpoints of a run that needs them no more."""
+    for name in (NAME, OLDER, NAME + ".part"):
+        try:
+            (folder / name).unlink(missing_ok=True)
+        except OSError as error:
+            raise OutputError(folder / name, error) from error

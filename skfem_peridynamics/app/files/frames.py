@@ -1,0 +1,194 @@
+"""Files of a run: frames for ParaView, the history, the summary. A file under its final name is complete."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import json
+import os
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import escape, quoteattr
+
+import numpy as np
+
+from ..._types import Basis, Floats
+from ..scene.units import KNOWN, UnitsTable
+from .whole_files import OutputError, aside, write_all, write_whole
+
+_FRAME = re.compile(r"frame_(\d{4,})\.vtu(\.part)?")
+_CELLS = {1: "line", 2: "triangle", 3: "tetra"}
+_OTHERS = (
+    *("frames.pvd", "history.csv", "summary.json", "report.html", "animation.gif"),
+    *("damage.png", "course.png", "energies.png", "crack.png", "measures.png"),
+)
+
+
+def clear(folder: Path, times: Sequence[float] = ()) -> None:
+    """Remove what an earlier run left in a folder, by the names that runs use; other files stay.
+
+    The frames of ``times``, which are continued, stay too, and the history, which takes the place of the old one.
+    """
+    for name in _OTHERS:
+        (folder / f"{name}.part").unlink(missing_ok=True)
+        if not (times and name in ("frames.pvd", "history.csv")):
+            (folder / name).unlink(missing_ok=True)
+    if times:
+        list_frames(folder, times)
+    clear_frames(folder, len(times))  # after the list: it never names what is not there
+
+
+def list_frames(folder: Path, times: Sequence[float]) -> None:
+    """Write ``frames.pvd``, which lists the frames."""
+    rows = "".join(f'    <DataSet timestep="{t!r}" file={quoteattr(frame_name(k))}/>\n' for k, t in enumerate(times))
+    write_whole(
+        folder / "frames.pvd",
+        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+        f"{rows}  </Collection>\n</VTKFile>\n",
+    )
+
+
+def clear_frames(folder: Path, keep: int = 0) -> None:
+    """Remove frames, but the first few."""
+    for old in list(folder.iterdir()):
+        name = _FRAME.fullmatch(old.name)
+        if name is not None and (int(name[1]) >= keep or name[2]):
+            old.unlink(missing_ok=True)
+
+
+def frame_name(number: int) -> str:
+    """Return ``frame_0007.vtu``."""
+    return f"frame_{number:04d}.vtu"
+
+
+@dataclass(eq=False)
+class Frames:
+    """Write fields at vertices as ``frame_0000.vtu, ...`` and ``frames.pvd`` into a folder.
+
+    Vectors (N,) of the basis get three components, as ParaView likes them; scalars are (nvertices,), symmetric tensors
+    (nvertices, 6): xx, yy, zz, xy, yz, xz. Each known field carries its unit, in words of ``units``. Fields are in
+    single precision, compressed. Frames that an earlier run left there are removed first, but those of ``times``,
+    which are continued. Raises ``OutputError`` where a file cannot be written.
+
+    >>> import tempfile, skfem
+    >>> basis = skfem.Basis(skfem.MeshTri(), skfem.ElementVector(skfem.ElementTriP1()))
+    >>> frames = Frames(tempfile.mkdtemp(), basis)
+    >>> frames.write(0.0, displacement=np.zeros(8), Z=np.zeros(4)).name
+    'frame_0000.vtu'
+    """
+
+    folder: str | Path
+    basis: Basis
+    times: list[float] = field(default_factory=list)
+    units: UnitsTable = field(default_factory=UnitsTable)
+
+    def __post_init__(self) -> None:
+        self.folder = Path(self.folder)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        if not self.times:
+            (self.folder / "frames.pvd").unlink(missing_ok=True)
+        clear_frames(self.folder, len(self.times))
+
+    def write(self, t: float, **fields: Floats) -> Path:
+        """Write one frame and return its path. Raises ``ValueError`` for a field of another length."""
+        import meshio
+
+        mesh = self.basis.mesh
+        n, dim = mesh.nvertices, mesh.dim()
+        data = {}
+        for name, values in fields.items():
+            values = np.asarray(values)
+            if values.shape == (n * dim,) and (dim > 1 or name in ("displacement", "velocity")):
+                values = np.pad(values.reshape(n, dim), ((0, 0), (0, 3 - dim)))
+            elif values.shape not in ((n,), (n, 6)):
+                raise ValueError(f"field {name!r} has shape {values.shape}; it needs ({n},), ({n * dim},) or ({n}, 6)")
+            data[name] = _single(values)
+        points = np.pad(mesh.p.T, ((0, 0), (0, 3 - dim)))
+        path = Path(self.folder) / frame_name(len(self.times))
+        cells = [(_CELLS[dim], np.ascontiguousarray(mesh.t.T, dtype=np.int32))]
+        with aside(path) as part:
+            meshio.Mesh(points, cells, point_data=data).write(part, file_format="vtu")
+            _note_units(part, {name: self.units.of(name) for name in data if name in KNOWN})
+        self.times.append(t)
+        list_frames(Path(self.folder), self.times)
+        return path
+
+
+def _note_units(path: Path, units: dict[str, str]) -> None:
+    """Add its unit to each field, as the information key that VTK has for it, after the numbers."""
+    content = path.read_bytes()
+    for name, unit in units.items():
+        start = content.index(f'Name="{name}"'.encode())
+        end = content.index(b"</DataArray>", start)
+        note = f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{escape(unit)}</InformationKey>'
+        content = content[:end] + note.encode() + content[end:]
+    path.write_bytes(content)
+
+
+def _single(values: Floats) -> Floats:
+    """Values in single precision; what is beyond its range becomes its largest number."""
+    most = np.finfo(np.float32).max
+    return np.clip(values, -most, most).astype(np.float32)
+
+
+class History:
+    """Write rows of numbers to ``history.csv``, row by row; keep them for the pictures. ``rows`` are continued.
+
+    A row that cannot be written whole is taken back. Raises ``OutputError``, also when the file has vanished.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[str], rows: Sequence[tuple[float, ...]] = ()) -> None:
+        self.path, self.columns, self.rows = path, tuple(columns), list(rows)
+        write_whole(path, "".join(self._lines([self.columns, *self.rows])))
+        try:
+            self._file = open(path, "ab", buffering=0)  # noqa: SIM115 (closed by close)
+            self._size = os.fstat(self._file.fileno()).st_size
+        except OSError as error:
+            raise OutputError(path, error) from error
+
+    @staticmethod
+    def _lines(rows: Sequence[Sequence[float | str]]) -> Iterator[str]:
+        text = io.StringIO()
+        writer = csv.writer(text)
+        for row in rows:
+            writer.writerow([value if isinstance(value, str) else repr(value) for value in row])
+        yield text.getvalue()
+
+    def add(self, *row: float) -> None:
+        content = "".join(self._lines([row])).encode()
+        try:
+            there = os.stat(self.path)
+            if not os.path.samestat(there, os.fstat(self._file.fileno())):
+                raise FileNotFoundError(2, "another file has taken its place")
+            write_all(self._file, content)
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                self._file.truncate(self._size)
+            raise OutputError(self.path, error) from error
+        self._size += len(content)
+        self.rows.append(row)
+
+    def column(self, name: str) -> Floats:
+        """All values of a column so far."""
+        k = self.columns.index(name)
+        return np.array([row[k] for row in self.rows])
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def write_summary(path: Path, summary: dict[str, Any]) -> None:
+    """Write ``summary.json``; what is not a number becomes null."""
+    write_whole(path, json.dumps(_plain(summary), indent=2, allow_nan=False) + "\n")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _plain(entry) for name, entry in value.items()}
+    if isinstance(value, float):
+        return value if np.isfinite(value) else None
+    return value

@@ -1,0 +1,175 @@
+"""What a run has left in its folder, read back: summary, history, frames."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import re
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ..._types import Floats, Mesh
+from ..scene.reading import LARGEST, SceneError
+from ..scene.units import UnitsTable
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """The body at one time: its mesh and fields at the vertices, (nvertices,) or (nvertices, k)."""
+
+    mesh: Mesh
+    t: float
+    fields: dict[str, Floats]
+
+    @property
+    def broken(self) -> Floats:
+        """The fraction of a vertex's bonds that have softened or broken."""
+        return np.asarray(1.0 - self.fields["intact"], dtype=float)
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """The files of one run. ``summary`` is empty where the run has not ended; ``history`` holds its columns."""
+
+    folder: Path
+    summary: dict[str, Any]
+    history: dict[str, Floats]
+    frames: tuple[tuple[float, Path], ...]
+    scene: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def read(cls, folder: Path) -> Results:
+        """Read a folder. Raises :class:`SceneError` where a run has left nothing there, or a file is damaged."""
+        if not folder.is_dir():
+            raise SceneError(f"{str(folder)!r} is not a folder; give one that run has written")
+        try:
+            summary = _summary(folder / "summary.json")
+            history = _history(folder / "history.csv")
+            frames = _frames(folder)
+        except (OSError, ValueError, KeyError, TypeError, ElementTree.ParseError, RecursionError) as error:
+            raise SceneError(f"the run in {str(folder)!r} cannot be read: {error}") from None
+        if not summary and not history and not frames:
+            raise SceneError(f"{str(folder)!r} holds no run: there is neither history.csv nor summary.json")
+        run = summary.get("run")
+        scene = run.get("scene") if isinstance(run, dict) else None
+        return cls(folder, summary, history, frames, scene if isinstance(scene, dict) else {})
+
+    @property
+    def title(self) -> str:
+        return str(self.summary.get("title") or self.scene.get("title") or self.folder.name)
+
+    @property
+    def units(self) -> UnitsTable:
+        known = self.scene.get("units")
+        known = known if isinstance(known, dict) else {}
+        given = {name: str(known[name]) for name in ("length", "force", "time") if name in known}
+        return UnitsTable(**given)
+
+    @cached_property
+    def last(self) -> Snapshot | None:
+        """The last frame, or None where there is none."""
+        return self.snapshot(len(self.frames) - 1) if self.frames else None
+
+    def snapshot(self, number: int) -> Snapshot:
+        """Read a frame. Raises :class:`SceneError` for a file that is none."""
+        t, path = self.frames[number]
+        try:
+            return Snapshot(*_body(path, t))
+        except (Exception, SystemExit) as error:  # whatever a reader of a damaged file may raise
+            raise SceneError(f"frame {str(path)!r} cannot be read: {error}") from None
+
+
+_NUMBERS = {
+    *("crack_length", "crack_reach", "crack_area", "tips", "largest_tip_speed"),
+    *("energy_per_crack_length", "energy_per_crack_area", "energy_drift", "energy_lost", "error_estimate"),
+    *("largest_Z", "softened_bonds", "broken_bonds", "nodes", "bonds", "steps", "dt", "peak_memory_mb"),
+}
+_TABLES = {"seconds": True, "elastic": True, "dt_limit": True, "run": False}  # and whether they hold numbers only
+
+
+def _summary(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        return {}
+    found = json.loads(path.read_bytes())
+    if not isinstance(found, dict):
+        raise ValueError("summary.json holds no table")
+    for name, value in found.items():
+        if value is None:
+            continue
+        if name in _NUMBERS and not _is_number(value):
+            raise ValueError(f"summary.json has {name} = {value!r}, which is no number")
+        if name in _TABLES:
+            entries = value.values() if isinstance(value, dict) else [None]
+            if not isinstance(value, dict) or (_TABLES[name] and not all(e is None or _is_number(e) for e in entries)):
+                raise ValueError(f"summary.json has no table {name} of numbers")
+    return found
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= LARGEST
+
+
+_HISTORY = ("t", "kinetic", "intact", "softened", "total", "work")
+
+
+def _history(path: Path) -> dict[str, Floats]:
+    if not path.is_file():
+        return {}
+    with open(path, newline="") as file:
+        rows = list(csv.reader(file))
+    if not rows:
+        return {}
+    names, numbers = rows[0], rows[1:]
+    if any(len(row) != len(names) for row in numbers):
+        raise ValueError("history.csv has rows of several lengths")
+    columns = {name: np.array([float(row[k]) for row in numbers]) for k, name in enumerate(names)}
+    for name in _HISTORY:
+        if name not in columns:
+            raise ValueError(f"history.csv has no column {name!r}")
+    for name, values in columns.items():
+        if (np.abs(np.nan_to_num(values, nan=0.0)) > LARGEST).any():
+            raise ValueError(f"history.csv has numbers in the column {name!r} that no run writes")
+    return columns
+
+
+def _frames(folder: Path) -> tuple[tuple[float, Path], ...]:
+    if not (folder / "frames.pvd").is_file():
+        return ()
+    out = []
+    for entry in ElementTree.parse(folder / "frames.pvd").getroot().iter("DataSet"):
+        name, t = entry.attrib["file"], float(entry.attrib["timestep"])
+        if not re.fullmatch(r"frame_\d{4,}\.vtu", name) or not math.isfinite(t):
+            raise ValueError(f"frames.pvd lists {name!r}, which is no frame")
+        out.append((t, folder / name))
+    return tuple(out)
+
+
+def _body(path: Path, t: float) -> tuple[Mesh, float, dict[str, Floats]]:
+    import skfem
+
+    from ...geometry.simplices import check_simplices
+    from ...meshes.guarded_reader import read
+    from ..problem.domain import check_cells, quietly
+
+    with quietly():
+        content = read(path)
+    block = content.cells[0]
+    dim = {"line": 1, "triangle": 2, "tetra": 3}[block.type]
+    kind = (skfem.MeshLine, skfem.MeshTri, skfem.MeshTet)[dim - 1]
+    check_cells(content)
+    points = np.ascontiguousarray(content.points.T[:dim])
+    mesh = kind(points, np.ascontiguousarray(block.data.T.astype(np.int32)))
+    check_simplices(mesh)
+    fields = {str(name): np.asarray(values, dtype=float) for name, values in content.point_data.items()}
+    for name, shape in (("intact", (len(points.T),)), ("displacement", (len(points.T), 3))):
+        if name not in fields or fields[name].shape != shape or not np.isfinite(fields[name]).all():
+            raise ValueError(f"it has no field {name!r} of a run")
+    if np.abs(fields["intact"] - 0.5).max(initial=0.0) > 0.501:
+        raise ValueError("its field 'intact' is no fraction")
+    return mesh, t, fields

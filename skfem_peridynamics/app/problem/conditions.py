@@ -1,0 +1,155 @@
+"""What a scene does to its body: selected vertices, prescribed motions, loads, the initial state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..._types import Basis, Floats, Load, Longs, Mesh
+from ...geometry.layers import collar, named_facets, region
+from ...geometry.simplices import vertex_volumes
+from ...model.loads import layer_share, traction
+from ...solve.constraints import Prescribed, check_fixed
+from ..scene.body_tables import InclusionTable
+from ..scene.formula import Formula
+from ..scene.reading import SceneError
+from ..scene.scene import LoadTable, Scene, Where
+from .domain import blame
+
+_AXES = ("x", "y", "z")
+
+
+def vertices(mesh: Mesh, where: Where, path: str) -> Longs:
+    """Return the vertices a table selects. Raises :class:`SceneError` when there are none."""
+    if where.on is not None:
+        with blame(f"{path}.on"):
+            found = collar(mesh, where.on, where.width or 0.0)
+    elif where.region is not None:
+        with blame(f"{path}.region"):
+            found = region(mesh, where.region)
+    else:
+        assert where.where is not None
+        with blame(f"{path}.where"):
+            found = np.flatnonzero(where.where(mesh.p) > 0.0)
+    if not len(found):
+        raise SceneError(f"{path} selects no vertex: the set is empty")
+    return found
+
+
+def tag(inclusion: InclusionTable, number: int) -> str:
+    """Return the name of the subdomain of an inclusion."""
+    return inclusion.region if inclusion.region is not None else f"inclusion[{number}]"
+
+
+def tagged(mesh: Mesh, scene: Scene) -> Mesh:
+    """Return the mesh with a subdomain for each inclusion that is given by a formula, of the middles of elements."""
+    tags = dict(mesh.subdomains or {})
+    for k, one in enumerate(scene.inclusion):
+        if one.where is None:
+            continue
+        with blame(f"inclusion[{k}].where"):
+            inside = np.flatnonzero(one.where(mesh.p[:, mesh.t].mean(axis=1)) > 0.0)
+        if not len(inside):
+            raise SceneError(f"inclusion[{k}].where selects no element: the set is empty")
+        tags[tag(one, k)] = inside
+    return mesh.with_subdomains(tags)
+
+
+def fixed(scene: Scene, basis: Basis) -> list[Prescribed]:
+    """Return the prescribed motions of a scene."""
+    mesh = basis.mesh
+    out: list[Prescribed] = []
+    dim = mesh.dim()
+    for k, table in enumerate(scene.fixed):
+        path = f"fixed[{k}]"
+        if table.component != "all" and _AXES.index(table.component) >= dim:
+            raise SceneError(f"{path}.component = {table.component!r}: the body has {dim} dimensions")
+        axes = range(dim) if table.component == "all" else [_AXES.index(table.component)]
+        chosen = vertices(mesh, table, path)
+        points, each = mesh.p[:, chosen], len(list(axes))
+        dofs = (chosen[:, None] * dim + np.array(list(axes))).ravel()
+        name = "displacement" if table.displacement is not None else "velocity"
+        formula = getattr(table, name)
+        with blame(f"{path}.{name}"):
+            formula(points, 0.0)
+        motion = _motion(formula, points, each)
+        out.append(Prescribed(dofs, **{name: motion}))
+    with blame("fixed"):
+        check_fixed(out, basis.N)
+    return out
+
+
+def load(scene: Scene, basis: Basis) -> Load | None:
+    """Return the load vector as a function of time, or None where the scene has none."""
+    mesh = basis.mesh
+    constant = np.zeros(basis.N)
+    moving: list[tuple[Floats, tuple[Formula, ...]]] = []
+    p = mesh.p
+    for k, table in enumerate(scene.load):
+        path = f"load[{k}]"
+        vector = table.body if table.body is not None else table.traction
+        assert vector is not None
+        name = f"{path}.{'body' if table.body is not None else 'traction'}"
+        _components(mesh, vector, name)
+        with blame(name):
+            first = np.stack([f(p, 0.0) for f in vector])
+        if any(f.uses("t") for f in vector):
+            moving.append((_share(basis, table, path), vector))
+        elif table.traction is not None and table.layer is None:
+            with blame(path):
+                constant += _traction(basis, table.on, first)
+        else:
+            constant += (_share(basis, table, path) * first).T.ravel()
+    if not scene.load:
+        return None
+    if not moving:
+        return lambda t: constant
+
+    def at(t: float) -> Floats:
+        total = constant.copy()
+        for share, vector in moving:
+            total += (share * np.stack([f(p, t) for f in vector])).T.ravel()
+        return total
+
+    return at
+
+
+def _traction(basis: Basis, on: str | None, values: Floats) -> Floats:
+    mesh = basis.mesh
+    return traction(basis, on, lambda x: values[:, mesh.facets[:, named_facets(mesh, on)]])
+
+
+def _share(basis: Basis, table: LoadTable, path: str) -> Floats:
+    """What each vertex carries of a unit load: volume, area, or a part of a layer."""
+    if table.body is not None:
+        return vertex_volumes(basis.mesh)
+    if table.layer is not None:
+        with blame(path):
+            return layer_share(basis, table.on, table.layer)
+    with blame(path):
+        return traction(basis, table.on, np.eye(basis.mesh.dim())[0])[:: basis.mesh.dim()]
+
+
+def _components(mesh: Mesh, vector: tuple[Formula, ...], path: str) -> None:
+    if len(vector) != mesh.dim():
+        raise SceneError(f"{path} has {len(vector)} components; the body has {mesh.dim()} dimensions")
+
+
+def initial(scene: Scene, basis: Basis, name: str) -> Floats | None:
+    """Return the initial ``displacement`` or ``velocity`` at the vertices, (N,), or None where the scene has none."""
+    mesh = basis.mesh
+    vector: tuple[Formula, ...] | None = getattr(scene.initial, name)
+    if vector is None:
+        return None
+    _components(mesh, vector, f"initial.{name}")
+    with blame(f"initial.{name}"):
+        return np.stack([f(mesh.p) for f in vector]).T.ravel()
+
+
+def _motion(formula: Formula, points: Floats, each: int) -> float | Floats | Callable[[float], Floats]:
+    if formula.uses("t"):
+        return lambda t: np.repeat(formula(points, t), each)
+    if formula.uses("x", "y", "z"):
+        return np.repeat(formula(points), each)
+    return float(formula(points[:, :1])[0])

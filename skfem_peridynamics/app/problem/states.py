@@ -1,0 +1,79 @@
+"""The run that a scene describes: states of its scheme, and what looks like a slip before it starts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ...solve.central_difference import central_difference
+from ...solve.instability import Watch
+from ...solve.newmark import newmark
+from ...solve.static import static
+from .domain import blame
+from .problem import Problem
+
+
+def march(problem: Problem, dt: float, start: Any = None, watch: int | Watch = 100) -> Iterator[Any]:
+    """Return the run: states of the scheme that the scene names, with steps of dt, from the beginning or ``start``."""
+    time = problem.scene.time
+    given: dict[str, Any] = {"load": problem.load, "fixed": problem.fixed, "start": start}
+    if not problem.explicit:
+        given["effort"] = problem.effort
+    if time.scheme == "static":
+        with blame("time"):
+            if problem.v0 is not None:
+                raise ValueError('scheme = "static" has no initial velocity')
+            return static(problem.body, problem.u0, until=time.until, steps=round(time.until / dt), **given)
+    if time.scheme == "newmark":
+        beta, gamma = 0.25 if time.beta is None else time.beta, 0.5 if time.gamma is None else time.gamma
+        with blame("time"):
+            return newmark(
+                *(problem.body, problem.mass, problem.u0, problem.v0),
+                dt=dt,
+                until=time.until,
+                beta=beta,
+                gamma=gamma,
+                watch=watch,
+                **given,
+            )
+    return central_difference(
+        *(problem.body, problem.mass, problem.u0, problem.v0),
+        dt=dt,
+        until=time.until,
+        limit=problem.limit,
+        watch=watch,
+        **given,
+    )
+
+
+def notes(problem: Problem) -> list[str]:
+    """What is allowed and yet looks like a slip of units, in sentences."""
+    time, out = problem.scene.time, []
+    steps = round(time.until / problem.dt)
+    if problem.explicit:
+        out = _on_the_limit(problem, steps)
+    if steps > 1_000_000:
+        out.append(f"the run takes {steps:.3g} steps; are the units of time.until = {time.until:g} what you mean?")
+    at = problem.scene.material.breaking
+    if at is not None:
+        law = next(law for law in problem.resting.laws if np.isfinite(law.inflection))
+        part = float(law.energy(np.array([at * law.inflection]))[0]) / law.limit
+        out.append(
+            f"bonds break for good at {at:g} times the critical strain, with {part:.0%} of the energy that it takes to "
+            "open them under the law: cracks cost so much of the toughness"
+        )
+    return out
+
+
+def _on_the_limit(problem: Problem, steps: int) -> list[str]:
+    time, limit, out = problem.scene.time, problem.limit, []
+    if problem.dt > limit.dt:
+        out.append(f"time.step = {time.step:g} is {problem.dt / limit.dt:.3g} times the stable limit {limit.dt:.4g}")
+    if steps <= 5:
+        out.append(
+            f"the run ends after {steps} steps: time.until = {time.until:g} is {time.until / limit.dt:.3g} times "
+            "the stable limit; are the units of time, stiffness and density those of one system?"
+        )
+    return out

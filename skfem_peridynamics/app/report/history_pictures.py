@@ -1,0 +1,117 @@
+"""Pictures of the history: energies, the crack and the speed of its tip, and what else was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..._types import Floats
+from ...analysis.crack import WINDOW, speeds
+from ..scene.units import UnitsTable
+from .figure import new_figure, save
+
+History = Mapping[str, Floats]
+_WIDTH = 5.6  # inches: the letters are still read on a phone
+
+
+def plot_energies(path: Path, history: History, title: str, units: UnitsTable, dim: int) -> None:
+    """Draw kinetic, elastic and total energy, external work, and what bonds have taken with them over time."""
+    figure = new_figure(_WIDTH, 3.6)
+    axes = figure.add_subplot()
+    names = {
+        "kinetic": ("kinetic", "-"),
+        "intact": ("elastic, intact bonds", "-"),
+        "softened": ("elastic, softened bonds", "-"),
+        "dissipated": ("of broken bonds", "-"),
+        "total": ("total", "k-"),
+        "work": ("external work", "k:"),
+    }
+    for name, (label, style) in names.items():
+        if name in history:
+            axes.plot(history["t"], history[name], style, label=label, linewidth=1.5)
+    axes.set_xlabel(_time(units))
+    axes.set_ylabel(_in("energy", units.after("energy", dim)))
+    axes.set_title(title, parse_math=False)
+    axes.legend(frameon=False)
+    _plain(axes)
+    save(figure, path)
+
+
+def plot_crack(path: Path, history: History, speed: float | None, units: UnitsTable) -> None:
+    """Draw length, reach and area of the crack, and the speed of its tip against the Rayleigh ``speed``."""
+    figure = new_figure(_WIDTH, 6.2)
+    upper, lower = figure.subplots(2, 1)
+    t = history["t"]
+    upper.plot(t, history["crack_reach"], label="way of the first tip")
+    if "crack_length" in history:
+        upper.plot(t, history["crack_length"], label="all branches")
+        upper.plot(t, history["crack_area"], ":", label="by the bonds it has cut")
+    upper.set_ylabel(_in("crack length", units.after("length")))
+    upper.legend(frameon=False)
+    lower.plot(t, speeds(t, history["crack_reach"], WINDOW), color="tab:red", label="tip")
+    if speed is not None:
+        lower.axhline(speed, color="0.3", linestyle="--", linewidth=1, label="Rayleigh speed")
+    lower.set_ylabel(_in("tip speed", units.after("velocity")))
+    lower.set_ylim(bottom=0.0)
+    lower.legend(frameon=False)
+    for axes in (upper, lower):
+        axes.set_xlabel(_time(units))
+        _plain(axes)
+    save(figure, path)
+
+
+def groups(history: History) -> dict[str, list[str]]:
+    """Return the columns of reactions, probes and J by what they are of, in the order of their names.
+
+    >>> groups(dict.fromkeys(["t", "reaction_top_x", "reaction_top_y"]))
+    {'reaction, top': ['reaction_top_x', 'reaction_top_y']}
+    """
+    found: dict[str, list[str]] = {}
+    for name in history:
+        kind, _, rest = name.partition("_")
+        what = rest.rpartition("_")
+        if kind == "reaction":
+            found.setdefault(f"reaction, {what[0]}", []).append(name)
+        elif kind == "probe":
+            label = "displacement" if what[2].startswith("u") else "velocity"
+            found.setdefault(f"{label}, {what[0]}", []).append(name)
+        elif name == "j_integral":
+            found["J"] = [name]
+    return found
+
+
+def plot_measures(path: Path, history: History, toughness: float | None, units: UnitsTable, dim: int) -> None:
+    """Draw reactions, probes and the J-integral over time, a panel each; J against the ``toughness``."""
+    panels = groups(history)
+    figure = new_figure(_WIDTH, 2.8 * len(panels) + 0.2)
+    every = figure.subplots(len(panels), 1, squeeze=False).ravel()
+    t = history["t"]
+    for axes, (what, names) in zip(every, panels.items(), strict=True):
+        for name in names:
+            label = name.rpartition("_")[2].lstrip("uv") if what != "J" else "J"
+            axes.plot(t, history[name], label=label, linewidth=1.4)
+        quantity = "J" if what == "J" else {"reaction": "force"}.get(what.split(",")[0], what.split(",")[0])
+        if what == "J" and toughness is not None:
+            axes.axhline(toughness, color="0.3", linestyle="--", linewidth=1, label="G_c")
+        axes.set_title(what, parse_math=False, fontsize=10)
+        axes.set_ylabel(_in(quantity, units.after(quantity, dim)), parse_math=False)
+        axes.set_xlabel(_time(units))
+        axes.legend(frameon=False)
+        _plain(axes)
+    save(figure, path)
+
+
+def _in(what: str, unit: str) -> str:
+    return f"{what} in{unit}" if unit else what
+
+
+def _time(units: UnitsTable) -> str:
+    return _in("t", units.after("time"))
+
+
+def _plain(axes: Any) -> None:
+    """Ticks that do not meet, and no frame."""
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.ticklabel_format(style="sci", scilimits=(-2, 4), useMathText=True)
+    axes.locator_params(axis="x", nbins=6)

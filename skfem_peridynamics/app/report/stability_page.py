@@ -1,0 +1,129 @@
+"""What ``skfem-peridynamics stability`` writes: every verdict as CSV, a report, and pictures."""
+
+from __future__ import annotations
+
+import csv
+import io
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from ..._version import __version__
+from ...stability.cases import CASES
+from ...stability.verdicts import Book, Curve, Verdict
+from ..files.whole_files import write_whole
+
+FILES = ("stability.csv", "stability.md")
+
+
+def write_report(folder: Path, book: Book, quick: bool, pictures: bool) -> list[str]:
+    """Write the files into a folder that exists; return their names."""
+    drawn = picture_names(book) if pictures else {}
+    for old in (*FILES, *(f"{picture_file(curve.picture)}" for curve in book.curves)):
+        (folder / old).unlink(missing_ok=True)
+    write_whole(folder / "stability.csv", as_csv(book))
+    if drawn:
+        from .figure import plot_curves
+
+        for name, curves in drawn.items():
+            plot_curves(folder / picture_file(name), curves)
+    write_whole(folder / "stability.md", as_markdown(book, quick, list(drawn)))
+    return [*FILES, *map(picture_file, drawn)]
+
+
+def picture_file(name: str) -> str:
+    return f"{name.replace(' ', '_')}.png"
+
+
+def picture_names(book: Book) -> dict[str, list[Curve]]:
+    """Group curves by their picture, in the order they came."""
+    out: dict[str, list[Curve]] = {}
+    for curve in book.curves:
+        out.setdefault(curve.picture, []).append(curve)
+    return out
+
+
+def as_csv(book: Book) -> str:
+    """Return one row for each verdict."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(("case", "setting", "must", "figure", "low", "high", "holds", "seconds", "note"))
+    for one in book.verdicts:
+        row = (
+            one.case,
+            one.setting,
+            one.must,
+            one.figure,
+            one.low,
+            one.high,
+            one.holds,
+            round(one.seconds, 3),
+            one.note,
+        )
+        writer.writerow(row)
+    return out.getvalue()
+
+
+def allowed(verdict: Verdict) -> str:
+    """What a figure may be, in few words.
+
+    >>> allowed(Verdict("c", "s", "m", 0.5, 0.0, 1e-3, 0.0)), allowed(Verdict("c", "s", "m", 0.5, 1.0, np.inf, 0.0))
+    ('0 to 0.001', 'at least 1')
+    """
+    low, high = verdict.low, verdict.high
+    if low == high:
+        return f"{low:g}"
+    if np.isinf(low):
+        return f"at most {high:g}"
+    return f"at least {low:g}" if np.isinf(high) else f"{low:.4g} to {high:.4g}"
+
+
+def nearness(verdict: Verdict) -> float:
+    """How near to what is not allowed a figure comes: 1 is there, more is beyond."""
+    figure, low, high = verdict.figure, verdict.low, verdict.high
+    if not np.isfinite(figure):
+        return np.inf
+    if low == high:
+        return 0.0 if figure == low else np.inf
+    if np.isfinite(low) and np.isfinite(high):
+        return float(abs(2.0 * figure - low - high) / (high - low))
+    if np.isinf(low):
+        return float(figure / high) if high > 0.0 else (0.0 if figure <= high else np.inf)
+    return float(low / figure) if figure > 0.0 else np.inf
+
+
+def as_markdown(book: Book, quick: bool, pictures: list[str]) -> str:
+    """Return the report: what does not hold, the nearest figure of each kind, and who won the race."""
+    wrong = [one for one in book.verdicts if not one.holds]
+    state = "everything holds" if not wrong else f"{len(wrong)} of {len(book.verdicts)} do not hold"
+    lines = [f"# Stability report, version {__version__}: {state}", ""]
+    if quick:
+        lines += ["Quick run: fewer and smaller cases.", ""]
+    header = ["| must hold | settings | allowed | nearest to it | there |", "|---|---|---|---|---|"]
+    if wrong:
+        lines += ["## What does not hold", "", *header[:0], "| case | setting | must | figure | allowed | note |"]
+        lines += ["|---|---|---|---|---|---|"]
+        lines += [
+            f"| {one.case} | {one.setting} | {one.must} | {one.figure:.3g} | {allowed(one)} | {one.note} |"
+            for one in wrong
+        ]
+        lines.append("")
+    for name, group in groupby(book.verdicts, key=lambda one: one.case):
+        some = list(group)
+        what = next((case.what for key, case in CASES.items() if key == name.split()[0]), name)
+        seconds = sum(one.seconds for one in some)
+        lines += [f"## {name}: {what} ({seconds:.1f} s)", "", *header]
+        kinds: dict[tuple[str, str], list[Verdict]] = {}
+        for one in some:
+            kinds.setdefault((one.must, allowed(one)), []).append(one)
+        for (must, may), mine in kinds.items():
+            worst = max(mine, key=nearness)
+            held = sum(one.holds for one in mine)
+            count = f"{held} of {len(mine)}" if held < len(mine) else f"all {len(mine)}"
+            lines.append(f"| {must} | {count} | {may} | {worst.figure:.3g} | {worst.setting} |")
+        lines.append("")
+        notes = [f"* {one.setting}: {one.note}" for one in some if one.note]
+        lines += [*notes, ""] if notes else []
+    lines += [f"![{name}]({picture_file(name)})" for name in pictures]
+    return "\n".join(lines).rstrip() + "\n"

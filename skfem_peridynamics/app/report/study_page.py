@@ -1,0 +1,135 @@
+"""What a study writes: study.json, study.csv, study.md, and a picture of error against seconds."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...study.catalogue import Result, rates
+from ...study.measure import Row, as_dict, pareto, seconds_to
+from ..files.whole_files import write_whole
+
+TARGETS = (1e-2, 1e-3, 1e-4)
+FILES = ("study.json", "study.csv", "study.md", "study.png")
+
+
+def write_rows(folder: Path, result: Result) -> None:
+    """Write ``study.csv`` alone, with the rows so far."""
+    write_whole(folder / "study.csv", as_csv(result))
+
+
+def write_study(folder: Path, result: Result, pictures: bool) -> list[str]:
+    """Write the files of a study into a folder that exists; return their names."""
+    for old in FILES:
+        (folder / old).unlink(missing_ok=True)
+    names = ["study.json", "study.csv", "study.md"]
+    write_rows(folder, result)
+    write_whole(folder / "study.md", as_markdown(result))
+    if pictures and result.rows:
+        from .figure import plot_work_precision
+
+        plot_work_precision(folder / "study.png", result.rows, result.what)
+        names.append("study.png")
+    write_whole(folder / "study.json", result.as_json())
+    return names
+
+
+def as_csv(result: Result) -> str:
+    """Return the rows of the runs, or of the tables where there are no runs, as CSV."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    if result.rows:
+        writer.writerow(as_dict(result.rows[0]))
+        for row in result.rows:
+            writer.writerow(as_dict(row).values())
+    for heading, columns, rows in result.tables:
+        writer.writerow(("table", *columns))
+        writer.writerows((heading, *row) for row in rows)
+    return out.getvalue()
+
+
+def as_markdown(result: Result) -> str:
+    """Return the whole study as Markdown."""
+    lines = [f"# {result.name}: {result.what}", ""]
+    if result.quick:
+        lines += ["Quick run: fewer sizes.", ""]
+    lines += [line for note in result.notes for line in (note, "")]
+    for heading, columns, rows in [*race_tables(result.rows), *result.tables]:
+        lines += [f"## {heading}", "", "| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+        lines += ["| " + " | ".join(shown(x) for x in row) + " |" for row in rows]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def shown(value: Any) -> str:
+    """A number with three digits, an absent one as a dash."""
+    if isinstance(value, bool) or not isinstance(value, (float, np.floating)):
+        return str(value)
+    number = float(value)
+    if np.isnan(number):
+        return "-"
+    return f"{number:.2e}" if number and not 1e-2 <= abs(number) < 1e4 else f"{number:.3g}"
+
+
+def by_scheme(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
+    """Group rows by scheme, in the order of their first run."""
+    names = list(dict.fromkeys(row.scheme for row in rows))
+    return [(name, [row for row in rows if row.scheme == name]) for name in names]
+
+
+def race_tables(rows: Sequence[Row]) -> list[tuple[str, tuple[str, ...], list[tuple[Any, ...]]]]:
+    """Tables of a race: errors and rates by mesh, seconds to an error by family."""
+    out: list[tuple[str, tuple[str, ...], list[tuple[Any, ...]]]] = []
+    for kind, group in groupby(rows, key=lambda row: row.mesh):
+        some = list(group)
+        best = {id(some[k]) for k in pareto([row.seconds for row in some], [row.error_l2 for row in some])}
+        table: list[tuple[Any, ...]] = []
+        for name, mine in by_scheme(some):
+            orders, slopes = [float("nan"), *rates(mine)], [float("nan"), *rates(mine, "error_h1")]
+            for row, l2, h1 in zip(mine, orders, slopes, strict=True):
+                front = "*" if id(row) in best else ""
+                table.append(
+                    (
+                        *(name, f"{row.per_horizon:.3g}", f"{row.bonds / row.nodes:.0f}", row.steps),
+                        *(row.error_l2, l2, row.error_h1, h1, row.error_velocity, row.time_error),
+                        *(row.seconds_setup, row.seconds_steps, front),
+                    )
+                )
+        columns = (
+            *("scheme", "eps/h", "bonds a node", "steps", "L2 error", "rate", "H1 error", "rate", "velocity"),
+            *("of it time", "set-up s", "steps s", "front"),
+        )
+        out.append((f"{kind} meshes: errors at the end, relative", columns, table))
+        out.append((f"{kind} meshes: seconds to an error", *reach_table(some)))
+    return out
+
+
+def reach_table(rows: Sequence[Row]) -> tuple[tuple[str, ...], list[tuple[Any, ...]]]:
+    """Seconds to each target: classical pairs, the best other pairs, the best ball, and how many times cheaper."""
+    table: list[tuple[Any, ...]] = []
+    costs: dict[str, Callable[[Row], float]] = {
+        "steps": lambda row: row.seconds_steps,
+        "set-up and steps": lambda row: row.seconds,
+    }
+    for what, cost in costs.items():
+        for target in TARGETS:
+            best: dict[str, tuple[float, str]] = {}
+            for name, mine in by_scheme(rows):
+                seconds = seconds_to(mine, target, cost)
+                family = mine[0].family
+                if np.isfinite(seconds) and seconds < best.get(family, (np.inf, ""))[0]:
+                    beyond = min(row.error_l2 for row in mine) > target
+                    best[family] = seconds, f"{name}{' (extrapolated)' if beyond else ''}"
+            nothing = (float("nan"), "-")
+            classical, pairs, ball = (best.get(family, nothing) for family in ("classical", "pairs", "ball"))
+            far = " (extrapolated)" if "extrapolated" in classical[1] else ""
+            gain = classical[0] / np.nanmin([pairs[0], ball[0]]) if best.keys() - {"classical"} else float("nan")
+            table.append((what, f"{target:g}", f"{shown(classical[0])}{far}", *pairs, *ball, gain))
+    columns = ("seconds of", "error", "classical", "pairs", "which", "ball", "which", "times cheaper")
+    return columns, table

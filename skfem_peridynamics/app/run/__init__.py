@@ -1,0 +1,1 @@
+"""A run of a scene, its check and its error estimate."""

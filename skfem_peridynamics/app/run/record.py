@@ -1,0 +1,212 @@
+"""What a run writes while it goes on: rows, frames and checkpoints, each of states whose energy balance holds."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import time
+from collections.abc import Sequence
+from math import ceil, floor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..._clock import Clock
+from ...analysis.crack import WINDOW, speeds
+from ...analysis.damage import Census, census, damage
+from ...analysis.stress import strain, stress, voigt
+from ...solve.instability import Watch
+from ...solve.state import Energies, State
+from ...solve.static import Equilibrium
+from ..files.checkpoint import Checkpoint, write_checkpoint
+from ..files.frames import Frames, History, clear, frame_name
+from ..files.whole_files import OutputError
+from ..problem.measures import Measure
+from ..problem.problem import Problem
+from ..scene.reading import SceneError
+from .progress import Progress
+
+_log = logging.getLogger("skfem_peridynamics")
+COLUMNS = (
+    "t",
+    "step",
+    "kinetic",
+    "intact",
+    "softened",
+    "total",
+    "work",
+    "imbalance",
+    "softened_bonds",
+    "largest_Z",
+)
+
+
+def columns(measured: Sequence[Measure]) -> tuple[str, ...]:
+    """Return the columns of a history: energies, and what is measured besides."""
+    return COLUMNS + tuple(name for measure in measured for name in measure.columns)
+
+
+class Marks:
+    """``count`` steps spread over a run, the first and the last among them: what is in it is counted, not listed.
+
+    >>> marks = Marks(10, 4)
+    >>> [step for step in range(11) if step in marks]
+    [0, 3, 7, 10]
+    """
+
+    def __init__(self, steps: int, count: int) -> None:
+        self.steps, self.count = steps, count
+
+    def __contains__(self, step: object) -> bool:
+        if not isinstance(step, int) or not 0 <= step <= self.steps or not self.count:
+            return False
+        if self.count < 2:
+            return step == self.steps
+        near = step * (self.count - 1) / self.steps
+        some = range(max(0, floor(near) - 1), min(self.count - 1, ceil(near) + 1) + 1)
+        return self.count > self.steps or any(self.at(k) == step for k in some)
+
+    def at(self, k: int) -> int:
+        return round(k * self.steps / (self.count - 1))
+
+
+class Record:
+    """The files of a run. ``earlier`` is the checkpoint that it goes on from; without one the folder is cleared."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        measured: Sequence[Measure],
+        out: Path,
+        steps: int,
+        clock: Clock,
+        watch: Watch,
+        progress: Progress,
+        facts: dict[str, Any],
+        earlier: Checkpoint | None,
+    ) -> None:
+        self.problem, self.out, self.clock, self.watch, self.progress = problem, out, clock, watch, progress
+        self.facts, self.checkpoints = facts, 0
+        output = problem.scene.output
+        self.at_frame, self.at_row = Marks(steps, output.frames), Marks(steps, max(2, output.history))
+        self.every, self.saved = output.every, time.monotonic()
+        times = [] if earlier is None else list(earlier.frames)
+        for k in range(len(times)):
+            if not (out / frame_name(k)).is_file():
+                raise SceneError(
+                    f"{str(out / frame_name(k))!r} is missing, and the run to go on with has written it: "
+                    "put it back, or start over with --restart"
+                )
+        try:
+            clear(out, times)
+        except OSError as error:
+            raise OutputError(out, error) from error
+        self.measures = measured
+        self.history = History(out / "history.csv", columns(self.measures), () if earlier is None else earlier.rows)
+        self.frames = Frames(out, problem.basis, times, problem.scene.units) if output.frames else None
+        self.last = 0 if earlier is None else earlier.state.step
+
+    def take(self, state: State | Equilibrium, now: int | None) -> None:
+        """Write what is due at a state. Raises ``UnstableRun`` instead where its energy balance is broken."""
+        row, frame, save = now in self.at_row, now in self.at_frame and self.frames is not None, self._due(state.step)
+        if row or frame or save:
+            with self.clock.phase("output"):
+                count = census(self.problem.body, state.u) if row else None
+                if isinstance(state, State):
+                    self.watch.look(state, None if count is None else _energies(state, count))
+                if count is not None and now is not None:
+                    entries = row_of(state, count)
+                    for one in self.measures:
+                        entries += one.read(state, count)
+                    self.history.add(*entries)
+                    self.progress.advance(now, entries[5], entries[9])
+                if frame:
+                    self._frame(state)
+        if not row and now is not None:
+            self.progress.advance(now)
+        if save:
+            self.save(state)
+
+    def _due(self, step: int) -> bool:
+        if self.every.steps:
+            return step > self.last and step % self.every.steps == 0
+        # however the clock jumps
+        return self.every.seconds > 0.0 and abs(time.monotonic() - self.saved) >= self.every.seconds
+
+    def _frame(self, state: State | Equilibrium) -> None:
+        assert self.frames is not None
+        body, asked = self.problem.body, self.problem.scene.output.fields
+        hurt = damage(body, state.u)
+        fields = {"displacement": state.u} | ({"velocity": state.v} if isinstance(state, State) else {})
+        fields |= {"intact": hurt.intact, "Z": hurt.Z}
+        if "stress" in asked:
+            fields["stress"] = voigt(stress(body, state.u))
+        if "strain" in asked:
+            fields["strain"] = voigt(strain(self.problem.basis, state.u))
+        self.frames.write(state.t, **fields)
+
+    def save(self, state: State | Equilibrium) -> bool:
+        """Write a checkpoint; where that fails the run goes on, and says so. Return whether it was written."""
+        with self.clock.phase("checkpoints"):
+            frames = [] if self.frames is None else self.frames.times
+            facts = self.facts | {
+                "seconds": self.clock.so_far(),
+                "peak": self.watch.peak,
+                "effort": dataclasses.asdict(self.problem.effort),
+            }
+            try:
+                write_checkpoint(self.out, Checkpoint(state, self.history.rows, frames, facts))
+            except OutputError as error:
+                _log.warning("%s; the run goes on without this checkpoint", error)
+                return False
+            finally:
+                self.saved = time.monotonic()
+        self.checkpoints += 1
+        self.last = state.step
+        return True
+
+    def figures(self) -> dict[str, Any]:
+        """What the summary says of the rows."""
+        total, imbalance = self.history.column("total"), self.history.column("imbalance")
+        peak = max(float(np.max(total, initial=0.0)), np.finfo(float).tiny)
+        out = {}
+        if self.problem.scene.time.scheme == "static":  # what cracks that ran away have lost
+            out["energy_lost"] = -float(np.min(imbalance, initial=0.0)) / peak
+            imbalance = np.maximum(imbalance, 0.0)
+        rows = self.history.rows
+        return out | {
+            "energy_drift": float(np.max(np.abs(imbalance), initial=0.0)) / peak,
+            "softened_bonds": int(rows[-1][8]) if rows else 0,
+            "largest_Z": max((row[9] for row in rows), default=0.0),
+            **self._of_measures(),
+        }
+
+    def _of_measures(self) -> dict[str, Any]:
+        """The last value of what was measured, and what follows from the crack's."""
+        history = self.history
+        if not history.rows:
+            return {}
+        out: dict[str, Any] = dict(zip(history.columns[len(COLUMNS) :], history.rows[-1][len(COLUMNS) :], strict=True))
+        if "crack_reach" in out:
+            out["largest_tip_speed"] = float(speeds(history.column("t"), history.column("crack_reach"), WINDOW).max())
+            energy = history.rows[-1][4] + out.get("dissipated", 0.0)
+            for size in ("area", "length"):
+                if f"crack_{size}" in out:
+                    out[f"energy_per_crack_{size}"] = (energy / out[f"crack_{size}"]) if out[f"crack_{size}"] else None
+        return out
+
+
+def _energies(state: State, count: Census) -> Energies:
+    return Energies(state.kinetic, count.elastic, state.work, state.initial, state.dissipated)
+
+
+def row_of(state: State | Equilibrium, count: Census) -> tuple[float, ...]:
+    """Return a row of the history."""
+    kinetic = state.kinetic
+    total = kinetic + count.elastic
+    imbalance = total + state.dissipated - state.work - state.initial
+    return (
+        *(state.t, state.step, kinetic, count.energy_intact, count.energy_softened, total, state.work, imbalance),
+        *(count.softened, count.Z),
+    )

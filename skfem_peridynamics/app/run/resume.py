@@ -1,0 +1,110 @@
+"""What a folder holds already: a finished run, one to go on with, or one that is not to be lost."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..._clock import Clock
+from ...solve.cfl import StepLimit
+from ...solve.instability import Watch
+from ..files.checkpoint import Checkpoint, DamagedCheckpoint, latest
+from ..files.identity import differences
+from ..problem.measures import measures
+from ..problem.problem import Problem
+from ..scene.reading import LARGEST, SceneError
+from .record import columns
+
+_log = logging.getLogger("skfem_peridynamics")
+WORTH_KEEPING = 60.0  # seconds of a run that another does not throw away unasked
+
+
+def look_back(out: Path, who: Mapping[str, Any], resume: bool | None) -> Checkpoint | dict[str, Any] | None:
+    """Return the checkpoint to go on with, the summary where the run is finished, or None for a fresh start.
+
+    ``who`` is the identity of the run that is to be made there. Raises :class:`SceneError` for the checkpoint of
+    another run, and, where nothing is said of ``resume``, before more than a minute of this very run is lost.
+    """
+    if resume is False:
+        return None
+    if resume:
+        finished = _finished(out)
+        if finished is not None:
+            _same(out, finished["run"], who, "a finished run of another scene", ())
+            _log.warning("the run in %r is finished: there is nothing to go on with", str(out))
+            return finished
+    try:
+        found = latest(out, _log.warning if resume else _ignore)
+    except DamagedCheckpoint as error:
+        if resume:
+            raise SceneError(str(error)) from None
+        return None
+    if found is None:
+        return None
+    known = found.facts.get("run")
+    known = known if isinstance(known, dict) else {}
+    if resume:
+        _same(out, known, who, "the checkpoint of another run", ("versions",))
+        return found
+    try:
+        spent = sum(float(value) for value in found.facts["seconds"].values())
+    except (KeyError, TypeError, ValueError, AttributeError):
+        spent = 0.0
+    if not differences(known, who) and spent > WORTH_KEEPING:
+        raise SceneError(
+            f"output folder {str(out)!r} holds {spent:.0f} s of this very run, stopped at step {found.state.step}: "
+            "go on with --resume, or start over with --restart"
+        )
+    return None
+
+
+def _same(out: Path, known: Mapping[str, Any], who: Mapping[str, Any], what: str, also: tuple[str, ...]) -> None:
+    wrong = differences(known, who, also)
+    if wrong:
+        more = f", and {len(wrong) - 3} more" if len(wrong) > 3 else ""
+        raise SceneError(f"output folder {str(out)!r} holds {what}: {'; '.join(wrong[:3])}{more}")
+
+
+def _ignore(note: str) -> None:
+    """What is about to be overwritten may be damaged."""
+
+
+def _finished(out: Path) -> dict[str, Any] | None:
+    """The summary of a run that is finished, or None."""
+    try:
+        summary = json.loads((out / "summary.json").read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return None
+    whole = isinstance(summary, dict) and summary.get("status") == "finished" and isinstance(summary.get("run"), dict)
+    return summary if whole else None
+
+
+def go_on(checkpoint: Checkpoint, problem: Problem, clock: Clock, watch: Watch) -> Problem:
+    """Bring back what a run had computed, spent and seen; return the problem with its known step limit.
+
+    Raises :class:`SceneError` for what no run has written, whatever its checksum.
+    """
+    facts = checkpoint.facts
+    try:
+        if facts["limit"] is not None:
+            problem = replace(problem, known_limit=StepLimit(**facts["limit"]))
+        state, size = checkpoint.state, problem.basis.N
+        vectors = [getattr(state, name, None) for name in ("u", "v", "a", "reaction", "change")]
+        vectors += [state.memory.tangent] if state.memory is not None else []
+        whole = all(x is None or (len(x) == size and bool((np.abs(x) <= LARGEST).all())) for x in vectors)
+        width = len(columns(measures(problem)))
+        if not whole or any(len(row) != width for row in checkpoint.rows):
+            raise ValueError("its vectors or rows do not fit the body")
+        clock.add({str(name): float(value) for name, value in facts["seconds"].items()})
+        watch.peak = float(facts["peak"])
+        for name, value in facts["effort"].items():
+            setattr(problem.effort, str(name), int(value))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise SceneError(f"the checkpoint cannot be gone on with, it is none that a run wrote: {error}") from None
+    return problem

@@ -1,0 +1,255 @@
+"""A scene: everything a run needs, as frozen dataclasses that TOML is read into."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+from .body_tables import BondsTable, CrackTable, InclusionTable, MaterialTable, MeshTable, formula, formulas
+from .formula import Formula
+from .reading import (
+    Every,
+    SceneError,
+    choice,
+    choices,
+    count,
+    flag,
+    interval,
+    key,
+    numbers,
+    positive,
+    table,
+    tables,
+    text,
+)
+from .units import UnitsTable
+
+SAFETY = 0.9  # of the stable limit
+
+
+@dataclass(frozen=True)
+class Where:
+    """Vertices: on a boundary (``on``), within ``width`` of it, in a subdomain (``region``) or ``where > 0``."""
+
+    on: str | None = key(text, None)
+    width: float | None = key(positive, None)
+    region: str | None = key(text, None)
+    where: Formula | None = key(formula, None)
+
+    def __post_init__(self) -> None:
+        if sum(entry is not None for entry in (self.on, self.region, self.where)) != 1:
+            raise ValueError("give one of on, region and where")
+        if self.width is not None and self.on is None:
+            raise ValueError(f"width = {self.width} goes with on")
+        if self.where is not None and self.where.uses("t"):
+            raise ValueError(f"where = {self.where.text!r} must not depend on t")
+
+
+@dataclass(frozen=True)
+class NoFailTable(Where):
+    """``[[no_fail]]``: vertices all of whose bonds stay linear."""
+
+
+@dataclass(frozen=True)
+class LoadTable:
+    """``[[load]]``: a ``body`` force per volume, or a ``traction`` per area ``on`` a boundary or in a ``layer``."""
+
+    body: tuple[Formula, ...] | None = key(formulas, None)
+    traction: tuple[Formula, ...] | None = key(formulas, None)
+    on: str | None = key(text, None)
+    layer: float | None = key(positive, None)
+
+    def __post_init__(self) -> None:
+        if (self.body is None) == (self.traction is None):
+            raise ValueError("give one of body and traction")
+        if (self.traction is None) != (self.on is None):
+            raise ValueError("traction and on go together")
+        if self.layer is not None and self.traction is None:
+            raise ValueError(f"layer = {self.layer} goes with traction")
+
+
+@dataclass(frozen=True)
+class FixedTable(Where):
+    """``[[fixed]]``: prescribe ``displacement`` or ``velocity`` of all components, or of ``component`` x, y or z."""
+
+    component: str = key(choice("all", "x", "y", "z"), "all")
+    displacement: Formula | None = key(formula, None)
+    velocity: Formula | None = key(formula, None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.displacement is None) == (self.velocity is None):
+            raise ValueError("give one of displacement and velocity")
+
+
+@dataclass(frozen=True)
+class InitialTable:
+    """``[initial]``: displacement and velocity at t = 0, one formula per component."""
+
+    displacement: tuple[Formula, ...] | None = key(formulas, None)
+    velocity: tuple[Formula, ...] | None = key(formulas, None)
+
+    def __post_init__(self) -> None:
+        for name in ("displacement", "velocity"):
+            for entry in getattr(self, name) or ():
+                if entry.uses("t"):
+                    raise ValueError(f"{name} = {entry.text!r} must not depend on t")
+
+
+@dataclass(frozen=True)
+class TimeTable:
+    """``[time]``: run ``until``; the step is ``safety`` times the stable limit, or ``step`` as given.
+
+    ``mass`` is ``"lumped"`` or ``"consistent"``; without it rules with Gauss points outside take the consistent one.
+    ``scheme`` is ``"central_difference"``; ``"auto"`` is that too and leaves no room for a ``mass`` of your own;
+    ``"newmark"`` takes implicit steps of length ``step`` with ``beta`` and ``gamma``; ``"static"`` follows equilibria
+    in so many ``steps``, t being how far loads and displacements have come.
+    """
+
+    until: float = key(positive)
+    safety: float | None = key(positive, None)
+    step: float | None = key(positive, None)
+    mass: str | None = key(choice("lumped", "consistent"), None)
+    scheme: str = key(choice("central_difference", "newmark", "static", "auto"), "central_difference")
+    beta: float | None = key(positive, None)
+    gamma: float | None = key(positive, None)
+    steps: int | None = key(count, None)
+
+    refused: ClassVar[Mapping[str, str]] = {
+        "mass_scaling": "there is none, for it buys a longer step with another motion; "
+        'take scheme = "newmark", or "static" where inertia does not matter'
+    }
+
+    def __post_init__(self) -> None:
+        if self.scheme == "auto" and self.mass is not None:
+            raise ValueError(f"mass = {self.mass!r} does not go with scheme = 'auto', which chooses it")
+        mine = {
+            "newmark": ("step", "mass", "beta", "gamma"),
+            "static": ("steps",),
+        }.get(self.scheme, ("safety", "step", "mass"))
+        for name in ("safety", "step", "mass", "beta", "gamma", "steps"):
+            if getattr(self, name) is not None and name not in mine:
+                raise ValueError(f"{name} = {getattr(self, name)!r} does not go with scheme = {self.scheme!r}")
+        if self.scheme == "newmark" and self.step is None:
+            raise ValueError('scheme = "newmark" needs a step: how finely the motion is to be resolved')
+        if self.scheme == "static" and not self.steps:
+            raise ValueError(f'scheme = "static" needs steps, 1 or more, not {self.steps}')
+
+    @property
+    def part(self) -> float:
+        """The part of the stable limit that an explicit step takes where none is given."""
+        return SAFETY if self.safety is None else self.safety
+
+
+@dataclass(frozen=True)
+class MeasureTable:
+    """``[measure]``: columns of the history besides the energies.
+
+    ``crack``: length, area, tips (by default where a body of two dimensions or three can break); ``j_integral``: the
+    radius of the ring about the tip; ``reactions``: forces by name of what is ``[[fixed]]`` (by default where it is).
+    """
+
+    crack: bool | None = key(flag, None)
+    j_integral: float | None = key(positive, None)
+    reactions: bool | None = key(flag, None)
+
+
+@dataclass(frozen=True)
+class ProbeTable:
+    """``[[probe]]``: displacement and velocity ``at`` a point of the body, under a ``name``."""
+
+    at: tuple[float, ...] = key(numbers)
+    name: str | None = key(text, None)
+
+
+@dataclass(frozen=True)
+class OutputTable:
+    """``[output]``: number of ``frames`` and of ``history`` rows spread over the run; ``pictures``; checkpoints.
+
+    Frames hold displacement, velocity and damage, and what ``fields`` adds: ``"stress"``, ``"strain"``.
+
+    Where ``pictures`` is not given they are drawn if matplotlib is installed. ``checkpoint_every`` is a number of
+    steps, or a text like ``"30 s"``; 0 is never.
+    """
+
+    frames: int = key(count, 10)
+    history: int = key(count, 50)
+    pictures: bool | None = key(flag, None)
+    checkpoint_every: int | str = key(interval, "60 s")
+    fields: tuple[str, ...] = key(choices("stress", "strain"), ())
+
+    @property
+    def every(self) -> Every:
+        """How often a checkpoint is written."""
+        return Every.read(self.checkpoint_every)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One run, as read from TOML or built in Python.
+
+    >>> scene = Scene.parse('''
+    ... mesh = {box = [[0, 1]], divisions = [10]}
+    ... material = {young = 1.0, toughness = 1.0, density = 1.0}
+    ... bonds = {horizon = 0.2}
+    ... time = {until = 1.0}
+    ... ''')
+    >>> scene.time.part
+    0.9
+    """
+
+    mesh: MeshTable = key(table(MeshTable))
+    material: MaterialTable = key(table(MaterialTable))
+    bonds: BondsTable = key(table(BondsTable))
+    time: TimeTable = key(table(TimeTable))
+    title: str = key(text, "untitled")
+    inclusion: tuple[InclusionTable, ...] = key(tables(InclusionTable), ())
+    crack: tuple[CrackTable, ...] = key(tables(CrackTable), ())
+    no_fail: tuple[NoFailTable, ...] = key(tables(NoFailTable), ())
+    load: tuple[LoadTable, ...] = key(tables(LoadTable), ())
+    fixed: tuple[FixedTable, ...] = key(tables(FixedTable), ())
+    initial: InitialTable = field(default=InitialTable(), metadata={"read": table(InitialTable)})
+    measure: MeasureTable = field(default=MeasureTable(), metadata={"read": table(MeasureTable)})
+    probe: tuple[ProbeTable, ...] = key(tables(ProbeTable), ())
+    units: UnitsTable = field(default=UnitsTable(), metadata={"read": table(UnitsTable)})
+    output: OutputTable = field(default=OutputTable(), metadata={"read": table(OutputTable)})
+    folder: Path = Path()  # not a key: where the scene was read from
+
+    @classmethod
+    def parse(cls, content: str, folder: Path = Path()) -> Scene:
+        """Read TOML text; a mesh file is looked for relative to ``folder``. Raises :class:`SceneError`."""
+        try:
+            data = tomllib.loads(content)
+        except tomllib.TOMLDecodeError as error:
+            raise SceneError(f"not TOML: {error}") from None
+        except RecursionError:
+            raise SceneError("not TOML that can be read: it is nested too deeply") from None
+        except ValueError as error:  # an integer of thousands of digits
+            raise SceneError(f"not TOML that can be read: {error}") from None
+        return cls.of(data, folder)
+
+    @classmethod
+    def of(cls, tables: Mapping[str, Any], folder: Path = Path()) -> Scene:
+        """Read the tables of a scene, as TOML gives them and as ``summary.json`` keeps them under ``run.scene``."""
+        return dataclasses.replace(table(cls)(tables, ""), folder=folder)
+
+    @classmethod
+    def read(cls, path: str | Path) -> Scene:
+        """Read a TOML file. Raises :class:`SceneError` with the file's name in front."""
+        path = Path(path)
+        try:
+            content = path.read_bytes().decode()
+        except OSError as error:
+            raise SceneError(f"scene {str(path)!r} cannot be read: {error.strerror}") from None
+        except UnicodeDecodeError:
+            raise SceneError(f"scene {str(path)!r} is not UTF-8 text") from None
+        except ValueError as error:  # a name that is none to the system
+            raise SceneError(f"scene {str(path)!r} cannot be read: {error}") from None
+        try:
+            return cls.parse(content, path.parent)
+        except SceneError as error:
+            raise SceneError(f"{path}: {error}") from None
