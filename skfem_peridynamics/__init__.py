@@ -8,7 +8,6 @@ from ._version import __version__
 from .analysis.crack import CrackPath, crack_path
 from .analysis.damage import Census, Damage, census, damage
 from .analysis.dispersion import dispersion
-from .analysis.energies import discrete_energy
 from .analysis.j_integral import j_integral
 from .analysis.stress import strain, stress
 from .bonds.ball_rule import BallRule
@@ -23,16 +22,18 @@ from .material.own_law import Scalars, own_potential
 from .material.potential import Exponential, Linear, Potential, Rational
 from .model.breaking import Breaking
 from .model.loads import body_force, layer_traction, traction
-from .model.mass import interpolate, mass_matrix, project
+from .model.mass import mass_matrix
 from .model.peridynamics import Peridynamics
+from .model.space import interpolate, project
 from .solve.central_difference import central_difference
-from .solve.cfl import StepLimit, stable_time_step
+from .solve.cfl import StepLimit, discrete_energy, stable_time_step
 from .solve.constraints import Prescribed
+from .solve.energy import Energies
 from .solve.instability import UnstableRun
 from .solve.newmark import newmark
 from .solve.newton import Effort, NotConverged
-from .solve.state import Energies, State, load_state, save_state
-from .solve.static import Equilibrium, static
+from .solve.state import Equilibrium, State, load_state, save_state
+from .solve.static import static
 
 if TYPE_CHECKING:
     from .app.files.frames import Frames

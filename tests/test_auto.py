@@ -150,7 +150,7 @@ def judge(rows, tolerances=(1e-2, 3e-3, 1e-3)):
 
 
 def auto_mesh(dim, n, kind):
-    from skfem_peridynamics.study.known_motion import unit_box
+    from skfem_peridynamics.geometry.boxes import unit_box
 
     return unit_box(dim, n, kind)
 

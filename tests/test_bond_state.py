@@ -9,7 +9,7 @@ import skfem
 import skfem_peridynamics as peri
 from bodies import at_vertices, body_on, box, grid
 from skfem_peridynamics import BallRule, Breaking, Exponential, Linear, PairRule, Rational, Scalars, own_potential
-from skfem_peridynamics.engine.block import SparseEngine
+from skfem_peridynamics.engine.sparse_engine import SparseEngine
 from skfem_peridynamics.material.tension_only import TensionOnly
 
 LAW = Exponential(2.0, 0.5)

@@ -27,8 +27,8 @@ from skfem_peridynamics import (
     own_potential,
     slit,
 )
-from skfem_peridynamics.engine.block import SparseEngine
 from skfem_peridynamics.engine.law_loops import exponential, inverse_root
+from skfem_peridynamics.engine.sparse_engine import SparseEngine
 
 RULES = {
     1: [PairRule(), PairRule(False), PairRule(points="gauss"), BallRule(2, 4), BallRule(3, 4, "vertices")],
@@ -152,7 +152,7 @@ def bits(body):
 
 @pytest.mark.parametrize("rule", [PairRule(), BallRule(3, 8), BallRule(3, 8, "vertices")], ids=lambda rule: rule.name)
 def test_bits_do_not_depend_on_threads(rule, monkeypatch):
-    monkeypatch.setattr("skfem_peridynamics.bonds.pair_bonds.BLOCK", 3000)
+    monkeypatch.setattr("skfem_peridynamics.bonds.rule.BLOCK", 3000)
     monkeypatch.setattr("skfem_peridynamics.engine.schedule._LEAST", 700)
     monkeypatch.setattr("skfem_peridynamics.engine.ball_tasks._ELEMENTS", 60)
     monkeypatch.setattr("skfem_peridynamics.engine.pair_tasks._SAMPLES", 60)

@@ -14,7 +14,7 @@ import pytest
 from faults import results, small
 
 from skfem_peridynamics import run
-from skfem_peridynamics.app.problem.domain import read_mesh
+from skfem_peridynamics.meshes.read_mesh import read_mesh
 
 
 def in_process(folder):

@@ -6,9 +6,10 @@ import pytest
 import skfem_peridynamics as peri
 from bodies import at_vertices, body_on, box, grid, vector_basis
 from skfem_peridynamics import BallRule, Breaking, Crack, Exponential, PairRule, slit
-from skfem_peridynamics.analysis.crack import crack_path, slit_tips, speeds
+from skfem_peridynamics.analysis.crack import crack_path, speeds
 from skfem_peridynamics.analysis.j_integral import j_integral
 from skfem_peridynamics.analysis.stress import strain, stress, voigt
+from skfem_peridynamics.geometry.slit_tips import slit_tips
 
 EPS = 0.1
 

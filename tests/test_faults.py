@@ -17,7 +17,7 @@ from faults import FULL_DISK, SMALL, forked, killed_run, last_step, nothing_corr
 
 from skfem_peridynamics import UnstableRun, run
 from skfem_peridynamics.app.cli.main import main
-from skfem_peridynamics.app.files import frames as output
+from skfem_peridynamics.app.files import history
 from skfem_peridynamics.app.files import whole_files as files
 from skfem_peridynamics.app.files.checkpoint import NAME, read_checkpoint
 from skfem_peridynamics.app.files.whole_files import OutputError, hold
@@ -138,13 +138,13 @@ def test_a_full_disk_names_the_file(name, whole, tmp_path, monkeypatch, caplog):
             lambda mesh, path, file_format: (write if path.name == f"{name}.part" else plain)(mesh, path, file_format),
         )
     if name == "history.csv":
-        made = output.History.__init__
+        made = history.History.__init__
 
-        def starved(history, *arguments):
-            made(history, *arguments)
-            history._file = Full(history._file, [150])
+        def starved(rows, *arguments):
+            made(rows, *arguments)
+            rows._file = Full(rows._file, [150])
 
-        monkeypatch.setattr(output.History, "__init__", starved)
+        monkeypatch.setattr(history.History, "__init__", starved)
         monkeypatch.setattr(files, "open_new", real)
     if name == "checkpoint.bin":
         run(small(), tmp_path / "out")

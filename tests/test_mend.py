@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 import skfem
 
-from skfem_peridynamics.app.problem.domain import read_mesh
-from skfem_peridynamics.app.scene.reading import SceneError
 from skfem_peridynamics.geometry.simplices import element_volumes
 from skfem_peridynamics.meshes.cells import to_simplices
 from skfem_peridynamics.meshes.mend import Raw, mend
+from skfem_peridynamics.meshes.read_mesh import read_mesh
 
 MESHES = Path(__file__).parent / "meshes"
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
@@ -83,7 +82,7 @@ def test_notes_of_real_files(caplog):
 
 def test_hdf_without_its_library(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "h5py", None)
-    with pytest.raises(SceneError, match='keeps its numbers in HDF, which needs h5py: install the extra "xdmf"'):
+    with pytest.raises(ValueError, match='keeps its numbers in HDF, which needs h5py: install the extra "xdmf"'):
         read_mesh(MESHES / "plate_hdf.xdmf")
     assert read_mesh(MESHES / "plate_inline.xdmf").nelements == 78
 

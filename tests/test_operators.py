@@ -147,7 +147,7 @@ def test_translation_of_a_piece_is_exactly_free():
 
 
 def test_bits_do_not_depend_on_the_threads(monkeypatch):
-    monkeypatch.setattr("skfem_peridynamics.bonds.pair_bonds.BLOCK", 500)
+    monkeypatch.setattr("skfem_peridynamics.bonds.rule.BLOCK", 500)
     mesh = grid((1, 20), (1, 20))
     u = np.random.default_rng(0).standard_normal(2 * mesh.nvertices)
     results = []
@@ -163,7 +163,7 @@ def test_blocks_of_any_size_give_the_same_operators(monkeypatch):
     u = np.random.default_rng(0).standard_normal(2 * mesh.nvertices)
     whole = body_on(mesh, 0.3, Exponential(1.0, 1.0))
     expected = whole.energy(u), whole.force(u), whole.stiffness().toarray()
-    monkeypatch.setattr("skfem_peridynamics.bonds.pair_bonds.BLOCK", 61)
+    monkeypatch.setattr("skfem_peridynamics.bonds.rule.BLOCK", 61)
     parts = body_on(mesh, 0.3, Exponential(1.0, 1.0))
     assert len(parts.blocks) > 10
     assert parts.energy(u) == pytest.approx(expected[0], rel=1e-13)

@@ -10,14 +10,14 @@ import skfem_peridynamics as peri
 from bodies import body_on, box
 from skfem_peridynamics.app.cli.main import main
 from skfem_peridynamics.app.report.stability_page import allowed, as_markdown, nearness
+from skfem_peridynamics.geometry.boxes import graded_axis, unit_box
 from skfem_peridynamics.geometry.simplices import edge_of_volume
 from skfem_peridynamics.model.space import vector_basis
 from skfem_peridynamics.stability import cases, oracles
 from skfem_peridynamics.stability.bodies import ball
-from skfem_peridynamics.stability.extreme_meshes import graded_axis, meshes
+from skfem_peridynamics.stability.extreme_meshes import meshes
 from skfem_peridynamics.stability.verdicts import Book, Verdict, told
 from skfem_peridynamics.study.choose_rule import choose
-from skfem_peridynamics.study.known_motion import unit_box
 
 
 def smallest_angle(mesh):
@@ -173,7 +173,7 @@ def test_the_limit_of_a_displaced_body_against_its_dense_spectrum():
         assert 0.99 < limit.dt * np.sqrt(lam) / 2 <= 1.0
         assert limit.nodal_bound >= lam
         assert limit.dt > peri.stable_time_step(body, M).dt  # softened bonds allow more
-        from skfem_peridynamics.solve.cfl import TangentLimit
+        from skfem_peridynamics.solve.tangent_limit import TangentLimit
 
         again = TangentLimit(body, M)
         first, before = again.at(u), again.products

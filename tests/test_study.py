@@ -10,12 +10,14 @@ import pytest
 from reference import force_on_square
 from skfem_peridynamics import BallRule, Exponential, Linear, PairRule, Rational
 from skfem_peridynamics.app.cli.main import main
+from skfem_peridynamics.geometry.boxes import unit_box
 from skfem_peridynamics.model.discretisation import CLASSICAL, Scheme
 from skfem_peridynamics.study.catalogue import STUDIES, entrants
 from skfem_peridynamics.study.exact_force import force_moments
-from skfem_peridynamics.study.known_motion import law_of, unit_box
+from skfem_peridynamics.study.known_motion import law_of
 from skfem_peridynamics.study.manufactured import Manufactured
-from skfem_peridynamics.study.measure import measure, pareto, prepare, rate, seconds_to, time_constant
+from skfem_peridynamics.study.measure import measure, prepare, time_constant
+from skfem_peridynamics.study.rates import pareto, rate, seconds_to
 from skfem_peridynamics.study.standing_wave import StandingWave
 
 

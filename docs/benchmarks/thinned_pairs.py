@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from skfem_peridynamics import PairRule
+from skfem_peridynamics.geometry.boxes import unit_box
 from skfem_peridynamics.model.discretisation import Scheme
 from skfem_peridynamics.study.catalogue import STUDIES
-from skfem_peridynamics.study.known_motion import unit_box
 from skfem_peridynamics.study.measure import measure, time_constant
 
 

@@ -15,10 +15,11 @@ from .._types import Floats, Ints, Longs, Mesh
 from ..geometry.rays import Tracer
 from ..geometry.simplices import describe_point, vertex_volumes
 from ..material.influence import Influence
-from . import pair_bonds as parts
+from . import rule as bond_parts
+from .ball_bonds import BallPart, Fan
 from .neighbours import curve_order
-from .pair_bonds import BallPart, Fan, Part
 from .quadrature import half_sphere, radial_rule
+from .rule import Part
 from .samples import Samples, gauss_samples, vertex_samples
 
 _LOOSE = 1e-6  # of the median stiffness of a vertex and its volume: less is no stiffness
@@ -94,7 +95,7 @@ class BallRule:
         per_site = len(directions) * self.radial
         out: list[BallPart] = []
         order = curve_order(samples.points[samples.sites])  # so that a part reaches as few elements as it can
-        count = max(1, parts.BLOCK // per_site)
+        count = max(1, bond_parts.BLOCK // per_site)
         for run in (order[low : low + count] for low in range(0, len(order), count)):
             site = samples.sites[run]
             reach, element = self._march(fan, samples, site, samples.element[run])

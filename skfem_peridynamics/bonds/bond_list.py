@@ -15,8 +15,9 @@ from ..geometry.layers import boundary_function
 from ..geometry.simplices import check_simplices
 from ..material.influence import Influence, as_influence, constant
 from ..material.material import UNIT_BALL
-from .pair_bonds import PairPart, Part
-from .pair_rule import PairRule, Rule
+from .pair_bonds import PairPart
+from .pair_rule import PairRule
+from .rule import Part, Rule
 from .samples import Samples
 
 

@@ -9,7 +9,8 @@ from ..geometry.layers import distance_to_facets
 from ..geometry.simplices import facet_directions, vertex_sizes
 from ..material.material import UNIT_BALL
 from .bond_list import BondList
-from .pair_bonds import PairPart, Part
+from .pair_bonds import PairPart
+from .rule import Part
 
 _USED = 1e-9  # P1 values below this are round-off: the vertex is not used
 _MANY = 16  # directions that stand for all of them

@@ -17,7 +17,7 @@ from scipy.sparse.linalg import LinearOperator, lsmr
 
 from .._types import Bools, Csr, Floats
 from .bond_list import BondList
-from .pair_bonds import Part
+from .rule import Part
 from .tensors import powers
 
 _LOOSE = 1e-3  # relative accuracy of a Newton step

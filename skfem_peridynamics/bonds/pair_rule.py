@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -13,29 +12,11 @@ from ..geometry.connected import connected
 from ..geometry.simplices import describe_point, longest_edge, vertex_sizes
 from ..geometry.visibility import sight
 from ..material.influence import Influence
-from . import pair_bonds as parts
+from . import rule as bond_parts
 from .neighbours import RIM, estimate_pairs, pairs_within
-from .pair_bonds import PairPart, Part, rim_share, rows_of
+from .pair_bonds import PairPart, rim_share
+from .rule import Part, rows_of
 from .samples import Samples, gauss_samples, vertex_samples
-
-
-class Rule(Protocol):
-    """A quadrature of the double integral over D x D.
-
-    Bonds of a ``symmetric`` rule stand for both orders of their ends; the others are directed, from x to y.
-    """
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def symmetric(self) -> bool: ...
-
-    def samples(self, mesh: Mesh) -> Samples: ...
-
-    def estimate(self, mesh: Mesh, horizon: float) -> int: ...
-
-    def parts(self, mesh: Mesh, samples: Samples, horizon: float, influence: Influence) -> list[Part]: ...
 
 
 @dataclass(frozen=True)
@@ -123,10 +104,10 @@ class PairRule:
         row, count = 0, 0
         for i, j in self._chunks(mesh, samples, horizon):
             near, far, count = [*near, i], [*far, j], count + len(i)
-            if count >= parts.BLOCK:
+            if count >= bond_parts.BLOCK:
                 i, j = np.concatenate(near), np.concatenate(far)
                 start = np.searchsorted(i, np.arange(row, int(i[-1]) + 2))
-                runs = rows_of(start, parts.BLOCK)
+                runs = rows_of(start, bond_parts.BLOCK)
                 for run in runs[:-1]:
                     yield _part(samples, row + run.start, start[run.start : run.stop + 1], j, reach)
                 row += runs[-1].start  # the last run may go on
@@ -135,7 +116,7 @@ class PairRule:
         if count:
             i, j = np.concatenate(near), np.concatenate(far)
             start = np.searchsorted(i, np.arange(row, samples.nsamples + 1))
-            for run in rows_of(start, parts.BLOCK):
+            for run in rows_of(start, bond_parts.BLOCK):
                 if start[run.start] < start[run.stop]:
                     yield _part(samples, row + run.start, start[run.start : run.stop + 1], j, reach)
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from .._scaling import whole_power
 from .._types import Floats, Ints, Longs
+from ..bonds.ball_bonds import BallPart
 from ..bonds.bond_basis import BondBasis
-from ..bonds.pair_bonds import BallPart
 from . import ball_loops, element_loops
 from .block import Block
 from .compiled_law import Law, law_of, secant

@@ -18,37 +18,19 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import scipy.sparse as sparse
 
 from .._types import Csr, Floats, Longs
+from ..bonds.ball_bonds import BallPart
 from ..bonds.bond_basis import BondBasis
-from ..bonds.pair_bonds import BallPart, PairPart, Part
+from ..bonds.pair_bonds import PairPart
+from ..bonds.rule import Part
 from ..material.potential import Potential
-from .threads import Team
 
 _T = TypeVar("_T")
-
-
-class Engine(Protocol):
-    """What computes the operators of a body from its blocks; vectors are nodal, (N,).
-
-    ``each`` runs a function on every block and the scaled strains of its bonds, and yields results in block order.
-    ``break_and_force`` breaks the bonds beyond ``at`` times their critical strain, and returns them, in order, too.
-    ``product`` applies ``a_l``, or with weights (one array per block) ``X^T diag(weights) B``.
-    """
-
-    def energy(self, u: Floats) -> float: ...
-
-    def force(self, u: Floats) -> Floats: ...
-
-    def product(self, weights: Sequence[Floats] | None, v: Floats, transposed: bool = False) -> Floats: ...
-
-    def each(self, u: Floats, function: Callable[[Block, Floats], _T]) -> Iterator[_T]: ...
-
-    def break_and_force(self, u: Floats, at: float) -> tuple[Floats, list[tuple[Block, Longs]]]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,50 +189,3 @@ def matrix_bytes(nbonds: int, dim: int, kind: type[Part]) -> int:
     """
     entries = dim * (dim + 2 if kind is BallPart else 2)
     return nbonds * (entries * (8 + 4) + 4)
-
-
-@dataclass(frozen=True, eq=False)
-class SparseEngine:
-    """The operators by SciPy's sparse products: block by block, each into a window, windows added in order."""
-
-    bonds: BondBasis
-    blocks: Sequence[Block]
-    team: Team
-
-    def _samples(self, u: Floats) -> Floats:
-        return self.bonds.samples.take(u.reshape(-1, self.bonds.dim))
-
-    def _gather(self, function: Callable[[Block], Floats]) -> Floats:
-        total = np.zeros((self.bonds.samples.nsamples, self.bonds.dim))
-        for block, part in zip(self.blocks, self.team.map(function, self.blocks), strict=True):
-            total[block.window] += part
-        return total
-
-    def energy(self, u: Floats) -> float:
-        v = self._samples(u)
-        return float(sum(self.team.map(lambda block: block.energy(v), self.blocks)))
-
-    def force(self, u: Floats) -> Floats:
-        v = self._samples(u)
-        F = self._gather(lambda block: block.force(v))
-        return self.bonds.samples.spread(np.negative(F, out=F)).ravel()
-
-    def break_and_force(self, u: Floats, at: float) -> tuple[Floats, list[tuple[Block, Longs]]]:
-        found = list(self.each(u, lambda block, T: block.beyond(T, at)))
-        for block, which in zip(self.blocks, found, strict=True):
-            block.k[which] = 0.0
-        return self.force(u), [(block, one) for block, one in zip(self.blocks, found, strict=True) if len(one)]
-
-    def product(self, weights: Sequence[Floats] | None, v: Floats, transposed: bool = False) -> Floats:
-        x = self._samples(v)
-        given = {id(block): weight for block, weight in zip(self.blocks, weights or (), strict=weights is not None)}
-
-        def apply(block: Block) -> Floats:
-            weight = 2.0 * block.law.slope * block.k if weights is None else given[id(block)]
-            return block.product(weight, x, transposed)
-
-        return self.bonds.samples.spread(self._gather(apply)).ravel()
-
-    def each(self, u: Floats, function: Callable[[Block, Floats], _T]) -> Iterator[_T]:
-        v = self._samples(u)
-        return self.team.map(lambda block: function(block, block.strains(v)), self.blocks)

@@ -15,12 +15,13 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .._types import Floats, Longs
-from ..bonds.pair_bonds import BallPart
+from ..bonds.ball_bonds import BallPart
 from .ball_tasks import BallField
-from .block import Block, SparseEngine
+from .block import Block
 from .compiled_law import linear
 from .pair_tasks import PairField
 from .schedule import Schedule
+from .sparse_engine import SparseEngine
 
 _T = TypeVar("_T")
 

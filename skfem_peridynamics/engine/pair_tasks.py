@@ -13,7 +13,8 @@ import numpy as np
 from .._compile import compiled
 from .._types import Floats, Ints, Longs
 from ..bonds.bond_basis import BondBasis
-from ..bonds.pair_bonds import PairPart, rows_of
+from ..bonds.pair_bonds import PairPart
+from ..bonds.rule import rows_of
 from ..material.tension_only import TensionOnly
 from . import pair_loops
 from .block import Block

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._types import Bools, Floats, Ints, Longs, Mesh
+from ..geometry.boxes import mesh_class
 from ..geometry.connected import connected
 from ..geometry.simplices import check_simplices, describe_point
 from .cells import kind_of, to_simplices
@@ -106,10 +107,7 @@ def _was(count: int) -> str:
 
 
 def _mesh(p: Floats, t: Longs, dim: int) -> Mesh:
-    import skfem
-
-    kind = (skfem.MeshLine, skfem.MeshTri, skfem.MeshTet)[dim - 1]
-    return kind(p, np.ascontiguousarray(t.T.astype(np.int32)))
+    return mesh_class(dim)(p, np.ascontiguousarray(t.T.astype(np.int32)))
 
 
 def _plane(points: Floats, blocks: Sequence[tuple[str, Longs]], dim: int, notes: list[str]) -> Floats:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from .._types import Bools, Floats, Longs
 from ..bonds.bond_basis import BondBasis
-from ..bonds.pair_bonds import Part
+from ..bonds.rule import Part
 from ..material.composite import Composite
 from ..material.potential import Linear, Potential
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..bonds.ball_rule import BallRule
-from ..bonds.pair_rule import PairRule, Rule
+from ..bonds.pair_rule import PairRule
+from ..bonds.rule import Rule
 
 
 @dataclass(frozen=True)

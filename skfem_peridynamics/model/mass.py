@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import scipy.sparse as sparse
 
@@ -41,30 +39,3 @@ def mass_matrix(basis: Basis, *, density: float | Floats = 1.0, kind: str = "lum
         return sparse.csr_matrix(float(rho) * BilinearForm(lambda u, v, w: dot(u, v)).assemble(basis))
     tabulated = np.arange(mesh.nelements) if basis.tind is None else basis.tind
     return sparse.csr_matrix(BilinearForm(lambda u, v, w: w.rho * dot(u, v)).assemble(basis, rho=rho[tabulated, None]))
-
-
-def interpolate(basis: Basis, function: Callable[[Floats], Floats]) -> Floats:
-    """Return ``I_h(function)``: its values at the vertices (paper, section 3); x is (dim, n), so is the result.
-
-    >>> import skfem
-    >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 3)), skfem.ElementVector(skfem.ElementLineP1()))
-    >>> interpolate(basis, lambda x: x**2).tolist()
-    [0.0, 0.25, 1.0]
-    """
-    p = basis.mesh.p
-    values = np.stack(np.broadcast_arrays(*np.asarray(function(p), dtype=float), p[0])[:-1])
-    if values.shape != p.shape:
-        raise ValueError(f"function gives {values.shape[0]} components; the displacement has {p.shape[0]}")
-    return values.T.ravel()
-
-
-def project(basis: Basis, function: Callable[[Floats], Floats]) -> Floats:
-    """Return ``r_h(function)``: the L2 projection of scikit-fem (paper, eq. 3.4); x is (dim, ...), so is the result.
-
-    >>> import skfem
-    >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 3)), skfem.ElementVector(skfem.ElementLineP1()))
-    >>> project(basis, lambda x: 2 * x).round(12).tolist()
-    [0.0, 1.0, 2.0]
-    """
-    projected: Floats = basis.project(function)
-    return projected

@@ -16,7 +16,9 @@ from scipy.sparse.linalg import LinearOperator
 from .._compile import available
 from .._types import Csr, Floats, Longs
 from ..bonds.bond_basis import BondBasis
-from ..engine.block import Block, Engine, SparseEngine, make_blocks, matrix_bytes
+from ..engine.block import Block, make_blocks, matrix_bytes
+from ..engine.engine import Engine
+from ..engine.sparse_engine import SparseEngine
 from ..engine.threads import Team
 from ..material.composite import Composite
 from ..material.material import Elastic, Material, crossing

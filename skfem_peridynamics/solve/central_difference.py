@@ -9,16 +9,17 @@ from typing import Protocol
 import numpy as np
 import scipy.sparse as sparse
 
-from .._sums import inner
 from .._types import Floats, Load
 from ..model.breaking import Breaking
 from ..model.peridynamics import Peridynamics
-from .cfl import StepLimit, TangentLimit
+from .cfl import StepLimit
 from .constraints import Prescribed, check_fixed
+from .energy import inner
 from .inputs import check_start, checked_load, initial_vector
 from .instability import Watch, watching
 from .mass_solver import MassSolver, mass_solver
 from .state import State
+from .tangent_limit import TangentLimit
 
 
 class Body(Protocol):

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from ..geometry.simplices import describe_point
-from .cfl import StepLimit, TangentLimit
+from .cfl import StepLimit
+from .energy import Energies
 from .mass_solver import Lumped
-from .state import Energies, State
+from .state import State
+from .tangent_limit import TangentLimit
 
 # The alarms. Of the peak energy, what the balance of a run may be off beyond the ripple of its fast modes: round-off in
 # a linear run, at most 0.0013 (ripple included) in the branching plate.

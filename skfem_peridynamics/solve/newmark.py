@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sparse
 
-from .._sums import inner
 from .._types import Floats, Load, Longs
 from ..model.breaking import Breaking
 from ..model.peridynamics import Peridynamics
 from ..model.vertex_stiffness import held_by_bonds
 from .cfl import StepLimit
 from .constraints import Prescribed, check_fixed
+from .energy import inner
 from .inputs import check_start, checked_load, initial_vector
 from .instability import Watch, watching
 from .mass_solver import MassSolver, mass_solver

@@ -12,32 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from .._sums import inner
 from .._types import Floats, Longs
+from .energy import Energies, inner
 from .preconditioner import Memory
-
-
-@dataclass(frozen=True)
-class Energies:
-    """Energies at one time. ``work`` is that of loads and prescribed motions so far, ``initial`` the first total.
-
-    ``dissipated`` is what bonds have taken with them that broke for good.
-    """
-
-    kinetic: float
-    elastic: float
-    work: float
-    initial: float
-    dissipated: float = 0.0
-
-    @property
-    def total(self) -> float:
-        return self.kinetic + self.elastic
-
-    @property
-    def imbalance(self) -> float:
-        """``kinetic + elastic + dissipated - work - initial``, 0 for the exact motion."""
-        return self.kinetic + self.elastic + self.dissipated - self.work - self.initial
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,3 +115,50 @@ def load_state(path: str | Path) -> State:
     except (KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise ValueError(f"{str(path)!r} is not a state that save_state wrote: {error}") from None
     return State(**stored)
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """A body at rest at one point of a path: read-only views, valid until the next step; :meth:`copy` keeps them.
+
+    ``t`` is what loads and displacements were asked for, ``dt`` the last step of it; ``reaction`` (N,) holds what is
+    prescribed, 0 elsewhere; ``work`` is that of loads and prescribed motions so far, ``initial`` the first energy.
+    ``change`` is how u changed in the last step, by which the next is guessed, ``memory`` what the linear solver has
+    learnt; ``broken`` and ``dissipated`` are the bonds that have broken for good, and their energy.
+    """
+
+    t: float
+    step: int
+    dt: float
+    u: Floats
+    reaction: Floats
+    work: float
+    initial: float
+    _body: Any = field(repr=False, default=None)
+    change: Floats | None = field(repr=False, default=None)
+    memory: Memory | None = field(repr=False, default=None)
+    dissipated: float = 0.0
+    broken: tuple[Longs, ...] | None = field(repr=False, default=None)
+
+    @cached_property
+    def elastic(self) -> float:
+        """The energy of all bonds, computed when first read."""
+        return float(self._body.energy(self.u))
+
+    @property
+    def kinetic(self) -> float:
+        """0: it is at rest."""
+        return 0.0
+
+    @property
+    def imbalance(self) -> float:
+        """``elastic + dissipated - work - initial``: 0 along a path without jumps, minus what a jump has lost."""
+        return self.elastic + self.dissipated - self.work - self.initial
+
+    def copy(self) -> Equilibrium:
+        """Return an equilibrium that later steps leave alone."""
+        change = None if self.change is None else self.change.copy()
+        kept = dataclasses.replace(self, u=self.u.copy(), reaction=self.reaction.copy(), change=change)
+        if self.broken is not None and self._body is not None:  # later its energy is that of fewer bonds
+            kept.__dict__["elastic"] = self.elastic
+        return kept

@@ -2,75 +2,26 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, cg
 
-from .._sums import inner
-from .._types import Floats, Load, Longs
+from .._types import Floats, Load
 from ..model.breaking import Breaking
 from ..model.peridynamics import Peridynamics
 from ..model.rigidity import check_held, check_rigid
 from ..model.vertex_stiffness import held_by_bonds
 from .constraints import Prescribed, check_fixed
+from .energy import inner
 from .inputs import check_start, checked_load, initial_vector
 from .newton import Effort, NotConverged, Objective, minimise
-from .preconditioner import Memory, Preconditioner
+from .preconditioner import Preconditioner
+from .state import Equilibrium
 
 CUTS = 10  # times a load step may be cut in half
 _MOST = 400  # iterations of Newton's method: a crack that runs away within a step takes many
-
-
-@dataclass(frozen=True, eq=False)
-class Equilibrium:
-    """A body at rest at one point of a path: read-only views, valid until the next step; :meth:`copy` keeps them.
-
-    ``t`` is what loads and displacements were asked for, ``dt`` the last step of it; ``reaction`` (N,) holds what is
-    prescribed, 0 elsewhere; ``work`` is that of loads and prescribed motions so far, ``initial`` the first energy.
-    ``change`` is how u changed in the last step, by which the next is guessed, ``memory`` what the linear solver has
-    learnt; ``broken`` and ``dissipated`` are the bonds that have broken for good, and their energy.
-    """
-
-    t: float
-    step: int
-    dt: float
-    u: Floats
-    reaction: Floats
-    work: float
-    initial: float
-    _body: Any = field(repr=False, default=None)
-    change: Floats | None = field(repr=False, default=None)
-    memory: Memory | None = field(repr=False, default=None)
-    dissipated: float = 0.0
-    broken: tuple[Longs, ...] | None = field(repr=False, default=None)
-
-    @cached_property
-    def elastic(self) -> float:
-        """The energy of all bonds, computed when first read."""
-        return float(self._body.energy(self.u))
-
-    @property
-    def kinetic(self) -> float:
-        """0: it is at rest."""
-        return 0.0
-
-    @property
-    def imbalance(self) -> float:
-        """``elastic + dissipated - work - initial``: 0 along a path without jumps, minus what a jump has lost."""
-        return self.elastic + self.dissipated - self.work - self.initial
-
-    def copy(self) -> Equilibrium:
-        """Return an equilibrium that later steps leave alone."""
-        change = None if self.change is None else self.change.copy()
-        kept = dataclasses.replace(self, u=self.u.copy(), reaction=self.reaction.copy(), change=change)
-        if self.broken is not None and self._body is not None:  # later its energy is that of fewer bonds
-            kept.__dict__["elastic"] = self.elastic
-        return kept
 
 
 def static(

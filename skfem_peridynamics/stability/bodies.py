@@ -8,7 +8,8 @@ from scipy import linalg
 from .._types import Csr, Floats, Mesh
 from ..bonds.ball_rule import BallRule
 from ..bonds.bond_basis import BondBasis
-from ..bonds.pair_rule import PairRule, Rule
+from ..bonds.pair_rule import PairRule
+from ..bonds.rule import Rule
 from ..material.potential import Potential
 from ..model.peridynamics import Peridynamics
 from ..model.space import vector_basis

@@ -9,13 +9,13 @@ from .._scaling import whole_power
 from .._types import Floats
 from ..bonds.bond_basis import BondBasis
 from ..bonds.pair_rule import PairRule
+from ..geometry.boxes import unit_box
 from ..material.material import Material
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics
 from ..model.space import vector_basis
 from ..solve.central_difference import central_difference
 from ..solve.cfl import stable_time_step
-from ..study.known_motion import unit_box
 from .bodies import ball
 from .verdicts import Book
 

@@ -10,6 +10,7 @@ from scipy import linalg
 
 from .._types import Floats, Mesh
 from ..bonds.bond_basis import BondBasis
+from ..geometry.boxes import unit_box
 from ..material.composite import Composite
 from ..material.material import Material
 from ..material.potential import Exponential, Linear, Potential, Rational
@@ -19,7 +20,6 @@ from ..model.space import vector_basis
 from ..solve.central_difference import central_difference
 from ..solve.cfl import stable_time_step
 from ..solve.newmark import newmark
-from ..study.known_motion import unit_box
 from .bodies import ball, body_on, exact_limit, stretch
 from .verdicts import Book
 

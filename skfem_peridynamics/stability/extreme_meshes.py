@@ -6,45 +6,19 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from .._types import Floats, Mesh
+from .._types import Mesh
 from ..bonds.pair_rule import PairRule
+from ..geometry.boxes import axis_with_a_twin, box_of_axes, graded_axis, single_element, unit_box
 from ..material.potential import Linear
 from ..model.mass import mass_matrix
 from ..model.rigidity import check_rigid
 from ..solve.central_difference import central_difference
 from ..solve.cfl import stable_time_step
-from ..study.known_motion import unit_box
 from .bodies import ball, body_on, exact_limit
 from .oracles import energy_of_a_stretch, energy_of_pairs, zero_modes
 from .verdicts import Book
 
 _STEPS = 100
-
-
-def axis_with_a_twin(n: int, gap: float) -> Floats:
-    """Return n + 2 numbers from 0 to 1, two of them ``gap`` of their distance apart."""
-    axis = np.linspace(0.0, 1.0, n + 1)
-    return np.sort(np.append(axis, axis[n // 2] + gap / n))
-
-
-def graded_axis(n: int, ratio: float) -> Floats:
-    """Return n + 1 numbers from 0 to 1 whose distances grow from 1 to ``ratio``."""
-    h = np.geomspace(1.0, ratio, n)
-    return np.concatenate([[0.0], np.cumsum(h) / h.sum()])
-
-
-def _tensor(*axes: Floats) -> Mesh:
-    import skfem
-
-    make = (skfem.MeshLine, skfem.MeshTri, skfem.MeshTet)[len(axes) - 1]
-    return make(axes[0]) if len(axes) == 1 else make.init_tensor(*axes)
-
-
-def _single(dim: int) -> Mesh:
-    import skfem
-
-    make = (skfem.MeshLine, skfem.MeshTri, skfem.MeshTet)[dim - 1]
-    return make(np.hstack([np.zeros((dim, 1)), np.eye(dim)]), np.arange(dim + 1)[:, None])
 
 
 def meshes(quick: bool) -> Iterator[tuple[str, Mesh, float]]:
@@ -61,18 +35,18 @@ def meshes(quick: bool) -> Iterator[tuple[str, Mesh, float]]:
     for dim in (1, 2, 3):
         for times in (3.0, 1e3):
             yield f"{dim}D, horizon = {times:g} bodies", unit_box(dim, {1: 12, 2: 6, 3: 3}[dim], "random"), times
-        yield f"{dim}D, one element", _single(dim), 2.0
+        yield f"{dim}D, one element", single_element(dim), 2.0
     twin, even = axis_with_a_twin(6, 1e-9), np.linspace(0.0, 1.0, 5)
-    yield "1D, two vertices 1e-9 apart", _tensor(twin), 0.4
-    yield "2D, rows of vertices 1e-9 apart", _tensor(even, twin), 0.6
+    yield "1D, two vertices 1e-9 apart", box_of_axes(twin), 0.4
+    yield "2D, rows of vertices 1e-9 apart", box_of_axes(even, twin), 0.6
     sliver = axis_with_a_twin(4, float(np.tan(np.radians(0.1))))
-    yield "2D, slivers of 0.1 degrees", _tensor(even, sliver), 0.6
+    yield "2D, slivers of 0.1 degrees", box_of_axes(even, sliver), 0.6
     if not quick:
-        yield "3D, slivers of 0.1 degrees", _tensor(even, even, sliver), 0.6
+        yield "3D, slivers of 0.1 degrees", box_of_axes(even, even, sliver), 0.6
     for dim in (1, 2):
         axis = graded_axis(16, 1e4)
         horizon = 1.01 * float(np.diff(axis).max()) * np.sqrt(dim)
-        yield f"{dim}D, graded 1:1e4", _tensor(*[axis] * dim), horizon
+        yield f"{dim}D, graded 1:1e4", box_of_axes(*[axis] * dim), horizon
 
 
 def extreme_geometry(book: Book, quick: bool) -> None:

@@ -6,10 +6,10 @@ import numpy as np
 
 from .._types import Floats
 from ..bonds.ball_rule import BallRule
+from ..geometry.boxes import unit_box
 from ..material.potential import Exponential, Linear
 from ..model.mass import mass_matrix
 from ..solve.central_difference import central_difference
-from ..study.known_motion import unit_box
 from .bodies import ball, body_on, exact_limit, stretch
 from .verdicts import Book
 

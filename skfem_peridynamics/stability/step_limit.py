@@ -6,13 +6,13 @@ import re
 
 import numpy as np
 
+from ..geometry.boxes import unit_box
 from ..material.potential import Exponential, Linear, Potential, Rational
 from ..model.mass import mass_matrix
 from ..solve.central_difference import central_difference
 from ..solve.cfl import stable_time_step
 from ..solve.instability import BROKEN_BEYOND, UnstableRun
 from ..solve.newmark import newmark
-from ..study.known_motion import unit_box
 from .bodies import ball, body_on, exact_limit, pairs, stretch
 from .verdicts import Book
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from .._types import Csr, Floats, Load, Longs
 from ..bonds.bond_basis import BondBasis
+from ..geometry.boxes import axis_with_a_twin, unit_box
 from ..geometry.layers import collar
 from ..geometry.slit import Crack, slit
 from ..material.composite import Composite
@@ -25,8 +26,6 @@ from ..solve.cfl import stable_time_step
 from ..solve.constraints import Prescribed
 from ..solve.newmark import newmark
 from ..solve.static import static
-from ..study.known_motion import unit_box
-from .extreme_meshes import axis_with_a_twin
 from .verdicts import Book
 
 TARGET = 1e-2  # relative error of the displacement at the end, in the norm of the mass

@@ -10,12 +10,12 @@ import numpy as np
 
 from .._types import Floats
 from ..analysis.damage import census
+from ..geometry.boxes import unit_box
 from ..material.potential import Exponential
 from ..model.mass import mass_matrix
 from ..solve.central_difference import central_difference
 from ..solve.cfl import stable_time_step
 from ..solve.newmark import newmark
-from ..study.known_motion import unit_box
 from .bodies import body_on, stretch
 from .verdicts import Book
 

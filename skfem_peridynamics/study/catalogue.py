@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from .._version import __version__
 from ..bonds.ball_rule import BallRule
 from ..bonds.pair_rule import PairRule
+from ..geometry.boxes import unit_box
 from ..model.discretisation import CLASSICAL, Scheme
-from .known_motion import Motion, law_of, unit_box
+from .known_motion import Motion, law_of
 from .manufactured import Manufactured
-from .measure import TIME_SHARE, Row, measure, rate, time_constant
+from .measure import TIME_SHARE, Row, measure, time_constant
+from .result import Result
 from .standing_wave import StandingWave
 
 Report = Callable[[str], None]
@@ -171,36 +171,6 @@ STUDIES: dict[str, Named] = {
 }
 
 
-@dataclass
-class Result:
-    """What a study found: rows of runs, and tables of (heading, columns, rows)."""
-
-    name: str
-    what: str
-    quick: bool
-    rows: list[Row] = field(default_factory=list)
-    tables: list[tuple[str, tuple[str, ...], list[tuple[Any, ...]]]] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-
-    def as_json(self) -> str:
-        from ..app.files.frames import _plain
-        from .measure import as_dict
-
-        content = {
-            "study": self.name,
-            "what": self.what,
-            "quick": self.quick,
-            "version": __version__,
-            "rows": [_plain(as_dict(row)) for row in self.rows],
-            "tables": [
-                {"heading": heading, "columns": list(columns), "rows": [[_plain(x) for x in row] for row in rows]}
-                for heading, columns, rows in self.tables
-            ],
-            "notes": self.notes,
-        }
-        return json.dumps(content, indent=2, allow_nan=False) + "\n"
-
-
 def run_study(name: str, quick: bool, report: Report, keep: Callable[[Result], None] | None = None) -> Result:
     """Run a study by its name; ``keep`` gets the rows so far. Raises ``KeyError`` for another name."""
     named = STUDIES[name]
@@ -219,9 +189,3 @@ def run_study(name: str, quick: bool, report: Report, keep: Callable[[Result], N
 
         result.tables = theorem_tables(quick, report)
     return result
-
-
-def rates(rows: Sequence[Row], what: str = "error_l2") -> list[float]:
-    """Return the observed orders of one scheme's runs, coarse to fine."""
-    chosen = sorted(rows, key=lambda row: row.n)
-    return [float(x) for x in rate([1.0 / row.n for row in chosen], [getattr(row, what) for row in chosen])]

@@ -13,38 +13,6 @@ from ..model.space import vector_basis
 from ..solve.constraints import Prescribed
 
 
-def unit_box(dim: int, n: int, kind: str = "regular", seed: int = 0) -> Mesh:
-    """Return the unit interval, square or cube, n elements a side: ``regular``, ``random`` or ``graded``.
-
-    ``random`` shifts inner vertices by up to 40 % of h along each axis, less where an element would fold; ``graded``
-    elements grow from 0.5 h to 1.5 h along each axis. Raises ``ValueError`` for another kind.
-
-    >>> unit_box(2, 4, "random").p.shape
-    (2, 25)
-    """
-    import skfem
-
-    if kind not in ("regular", "random", "graded"):
-        raise ValueError(f"kind = {kind!r} must be regular, random or graded")
-    axis = np.linspace(0.0, 1.0, n + 1)
-    if kind == "graded":
-        axis = 0.5 * axis + 0.5 * axis**2
-    make = (skfem.MeshLine, skfem.MeshTri, skfem.MeshTet)[dim - 1]
-    mesh = make(axis) if dim == 1 else make.init_tensor(*[axis] * dim)
-    if kind != "random":
-        return mesh
-    inner = ((mesh.p > 1e-9) & (mesh.p < 1.0 - 1e-9)).all(axis=0)
-    shift = np.random.default_rng(seed).uniform(-0.4, 0.4, mesh.p.shape) / n * inner
-
-    def signed(p: Floats) -> Floats:
-        return np.asarray(np.linalg.det(np.moveaxis(p[:, mesh.t[1:]] - p[:, mesh.t[:1]], 2, 0)))
-
-    before = signed(mesh.p)
-    while (wrong := np.asarray(before * signed(mesh.p + shift) < 0.05 * before**2)).any():
-        shift[:, np.unique(mesh.t[:, wrong])] *= 0.7
-    return type(mesh)(mesh.p + shift, mesh.t)
-
-
 class Motion(ABC):
     """A known motion ``g(t) field(x)`` of the unit box, and what it takes to run schemes against it."""
 

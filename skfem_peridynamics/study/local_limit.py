@@ -9,7 +9,7 @@ from skfem.helpers import ddot, div, dot, sym_grad
 
 from .._types import Floats
 from ..bonds.bond_basis import BondBasis
-from ..bonds.pair_rule import Rule
+from ..bonds.rule import Rule
 from ..material.potential import Linear
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics

@@ -11,7 +11,9 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from .._types import Floats
 from ..bonds.ball_rule import BallRule
 from ..bonds.bond_basis import BondBasis
-from ..bonds.pair_rule import PairRule, Rule
+from ..bonds.pair_rule import PairRule
+from ..bonds.rule import Rule
+from ..geometry.boxes import unit_box
 from ..model.discretisation import CLASSICAL, Scheme
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics
@@ -25,10 +27,11 @@ from .bounds import (
     sharper_constant,
     symbol_supremum,
 )
-from .known_motion import law_of, unit_box
+from .known_motion import law_of
 from .local_limit import distance_to_local
 from .manufactured import Manufactured
-from .measure import measure, prepare, rate, time_constant
+from .measure import measure, prepare, time_constant
+from .rates import rate
 from .velocity import velocity_equation
 
 Table = tuple[str, tuple[str, ...], list[tuple[Any, ...]]]

@@ -180,9 +180,9 @@ def _from_flags(arguments: argparse.Namespace) -> Scene:
         if not 0.0 < getattr(arguments, name) < float("inf"):
             raise SceneError(f"--{name} {getattr(arguments, name)} must be a positive number")
     if arguments.plane is None:
-        import skfem_peridynamics.app.problem.domain as meshes
+        from ..problem.domain import make_mesh
 
-        if meshes.read_mesh(Path(arguments.mesh)).dim() == 2:
+        if make_mesh(MeshTable(file=arguments.mesh), Path()).dim() == 2:
             raise SceneError("cfl of a mesh in 2D needs --plane stress or --plane strain")
     return Scene(
         title=arguments.mesh,
@@ -221,7 +221,7 @@ def _cfl(arguments: argparse.Namespace) -> int:
         "version": __version__,
     }
     if arguments.json:
-        from ..files.frames import _plain
+        from ..files.history import _plain
 
         print(json.dumps(_plain(numbers), indent=2, allow_nan=False))
         return 0

@@ -19,8 +19,7 @@ import numpy as np
 
 from ..._types import Floats
 from ...solve.preconditioner import Memory
-from ...solve.state import State
-from ...solve.static import Equilibrium
+from ...solve.state import Equilibrium, State
 from .whole_files import OutputError, aside, open_new, write_all
 
 NAME, OLDER = "checkpoint.bin", "checkpoint_older.bin"

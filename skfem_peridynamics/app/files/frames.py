@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
-import csv
-import io
-import json
-import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
 from ..._types import Basis, Floats
 from ..scene.units import KNOWN, UnitsTable
-from .whole_files import OutputError, aside, write_all, write_whole
+from .whole_files import aside, write_whole
 
 _FRAME = re.compile(r"frame_(\d{4,})\.vtu(\.part)?")
 _CELLS = {1: "line", 2: "triangle", 3: "tetra"}
@@ -133,62 +127,3 @@ def _single(values: Floats) -> Floats:
     """Values in single precision; what is beyond its range becomes its largest number."""
     most = np.finfo(np.float32).max
     return np.clip(values, -most, most).astype(np.float32)
-
-
-class History:
-    """Write rows of numbers to ``history.csv``, row by row; keep them for the pictures. ``rows`` are continued.
-
-    A row that cannot be written whole is taken back. Raises ``OutputError``, also when the file has vanished.
-    """
-
-    def __init__(self, path: Path, columns: Sequence[str], rows: Sequence[tuple[float, ...]] = ()) -> None:
-        self.path, self.columns, self.rows = path, tuple(columns), list(rows)
-        write_whole(path, "".join(self._lines([self.columns, *self.rows])))
-        try:
-            self._file = open(path, "ab", buffering=0)  # noqa: SIM115 (closed by close)
-            self._size = os.fstat(self._file.fileno()).st_size
-        except OSError as error:
-            raise OutputError(path, error) from error
-
-    @staticmethod
-    def _lines(rows: Sequence[Sequence[float | str]]) -> Iterator[str]:
-        text = io.StringIO()
-        writer = csv.writer(text)
-        for row in rows:
-            writer.writerow([value if isinstance(value, str) else repr(value) for value in row])
-        yield text.getvalue()
-
-    def add(self, *row: float) -> None:
-        content = "".join(self._lines([row])).encode()
-        try:
-            there = os.stat(self.path)
-            if not os.path.samestat(there, os.fstat(self._file.fileno())):
-                raise FileNotFoundError(2, "another file has taken its place")
-            write_all(self._file, content)
-        except OSError as error:
-            with contextlib.suppress(OSError):
-                self._file.truncate(self._size)
-            raise OutputError(self.path, error) from error
-        self._size += len(content)
-        self.rows.append(row)
-
-    def column(self, name: str) -> Floats:
-        """All values of a column so far."""
-        k = self.columns.index(name)
-        return np.array([row[k] for row in self.rows])
-
-    def close(self) -> None:
-        self._file.close()
-
-
-def write_summary(path: Path, summary: dict[str, Any]) -> None:
-    """Write ``summary.json``; what is not a number becomes null."""
-    write_whole(path, json.dumps(_plain(summary), indent=2, allow_nan=False) + "\n")
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _plain(entry) for name, entry in value.items()}
-    if isinstance(value, float):
-        return value if np.isfinite(value) else None
-    return value

@@ -151,20 +151,19 @@ def _frames(folder: Path) -> tuple[tuple[float, Path], ...]:
 
 
 def _body(path: Path, t: float) -> tuple[Mesh, float, dict[str, Floats]]:
-    import skfem
 
+    from ...geometry.boxes import mesh_class
     from ...geometry.simplices import check_simplices
     from ...meshes.guarded_reader import read
-    from ..problem.domain import check_cells, quietly
+    from ...meshes.read_mesh import check_cells, quietly
 
     with quietly():
         content = read(path)
     block = content.cells[0]
     dim = {"line": 1, "triangle": 2, "tetra": 3}[block.type]
-    kind = (skfem.MeshLine, skfem.MeshTri, skfem.MeshTet)[dim - 1]
     check_cells(content)
     points = np.ascontiguousarray(content.points.T[:dim])
-    mesh = kind(points, np.ascontiguousarray(block.data.T.astype(np.int32)))
+    mesh = mesh_class(dim)(points, np.ascontiguousarray(block.data.T.astype(np.int32)))
     check_simplices(mesh)
     fields = {str(name): np.asarray(values, dtype=float) for name, values in content.point_data.items()}
     for name, shape in (("intact", (len(points.T),)), ("displacement", (len(points.T), 3))):

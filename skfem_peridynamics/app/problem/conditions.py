@@ -6,54 +6,17 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..._types import Basis, Floats, Load, Longs, Mesh
-from ...geometry.layers import collar, named_facets, region
+from ..._types import Basis, Floats, Load, Mesh
+from ...geometry.layers import named_facets
 from ...geometry.simplices import vertex_volumes
 from ...model.loads import layer_share, traction
 from ...solve.constraints import Prescribed, check_fixed
-from ..scene.body_tables import InclusionTable
 from ..scene.formula import Formula
-from ..scene.reading import SceneError
-from ..scene.scene import LoadTable, Scene, Where
-from .domain import blame
+from ..scene.reading import SceneError, blame
+from ..scene.scene import LoadTable, Scene
+from .domain import vertices
 
 _AXES = ("x", "y", "z")
-
-
-def vertices(mesh: Mesh, where: Where, path: str) -> Longs:
-    """Return the vertices a table selects. Raises :class:`SceneError` when there are none."""
-    if where.on is not None:
-        with blame(f"{path}.on"):
-            found = collar(mesh, where.on, where.width or 0.0)
-    elif where.region is not None:
-        with blame(f"{path}.region"):
-            found = region(mesh, where.region)
-    else:
-        assert where.where is not None
-        with blame(f"{path}.where"):
-            found = np.flatnonzero(where.where(mesh.p) > 0.0)
-    if not len(found):
-        raise SceneError(f"{path} selects no vertex: the set is empty")
-    return found
-
-
-def tag(inclusion: InclusionTable, number: int) -> str:
-    """Return the name of the subdomain of an inclusion."""
-    return inclusion.region if inclusion.region is not None else f"inclusion[{number}]"
-
-
-def tagged(mesh: Mesh, scene: Scene) -> Mesh:
-    """Return the mesh with a subdomain for each inclusion that is given by a formula, of the middles of elements."""
-    tags = dict(mesh.subdomains or {})
-    for k, one in enumerate(scene.inclusion):
-        if one.where is None:
-            continue
-        with blame(f"inclusion[{k}].where"):
-            inside = np.flatnonzero(one.where(mesh.p[:, mesh.t].mean(axis=1)) > 0.0)
-        if not len(inside):
-            raise SceneError(f"inclusion[{k}].where selects no element: the set is empty")
-        tags[tag(one, k)] = inside
-    return mesh.with_subdomains(tags)
 
 
 def fixed(scene: Scene, basis: Basis) -> list[Prescribed]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from ..._compile import installed
 from ..._types import Mesh
+from ...bonds.ball_bonds import BallPart
 from ...bonds.ball_rule import BallRule
-from ...bonds.pair_bonds import BallPart, PairPart
-from ...bonds.pair_rule import Rule
+from ...bonds.pair_bonds import PairPart
+from ...bonds.rule import Rule
 from ...engine.block import matrix_bytes
 from ...model.peridynamics import MATRIX_MEMORY
 

@@ -2,127 +2,68 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
-import logging
-import threading
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..._memory import free_memory
-from ..._types import Mesh
-from ...geometry.simplices import describe_point
-from ...meshes.mend import mend
-from ..scene.body_tables import MeshTable
-from ..scene.reading import LARGEST, SceneError
-
-_log = logging.getLogger("skfem_peridynamics")
-_PRINTING = threading.Lock()
-_READING = 8  # bytes of memory a byte of a mesh file
-
-
-@contextlib.contextmanager
-def blame(path: str) -> Iterator[None]:
-    """Turn a ValueError of the library into a SceneError that starts with the path of the key."""
-    try:
-        yield
-    except SceneError:  # it names its key already
-        raise
-    except ValueError as error:
-        raise SceneError(f"{path}: {error}") from None
-
-
-@contextlib.contextmanager
-def quietly(said: io.StringIO | None = None) -> Iterator[None]:
-    """Keep what is printed, for one thread at a time: two that take the output at once would not give it back."""
-    said = io.StringIO() if said is None else said
-    with _PRINTING, contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
-        yield
-
-
-def read_mesh(path: Path, scale: float = 1.0, join: bool = False) -> Mesh:
-    """Return the simplicial mesh in a file that meshio reads; its groups become boundaries and subdomains.
-
-    Lengths are taken ``scale`` times; ``join`` makes one vertex of those that coincide. What had to be mended is
-    said in the log. Raises :class:`SceneError` for what is no mesh of a body.
-    """
-    from ...meshes.groups import raw_mesh
-    from ...meshes.guarded_reader import read
-
-    name = f"mesh.file = {str(path)!r}"
-    if not path.is_file():
-        raise SceneError(f"{name} is not a file")
-    if path.stat().st_size * _READING > free_memory():
-        raise SceneError(
-            f"{name} has {path.stat().st_size / 1e6:.3g} MB; reading it takes about "
-            f"{_READING} times as much memory, and {free_memory() / 1e6:.3g} MB are free: take a coarser mesh"
-        )
-    said = io.StringIO()  # meshio prints its reasons
-    try:
-        with quietly(said):
-            content = read(path)
-            check_cells(content)
-            raw = raw_mesh(content, scale)
-    except ModuleNotFoundError as error:
-        raise SceneError(
-            f'{name} keeps its numbers in HDF, which needs {error.name}: install the extra "xdmf", or write the file '
-            "with its numbers inline"
-        ) from None
-    except (SystemExit, Exception) as error:  # whatever a reader of a foreign format may raise
-        reason = " ".join((said.getvalue() or str(error)).split())
-        raise SceneError(f"{name} cannot be read as a mesh: {reason}") from None
-    with blame(name):
-        found = mend(raw, join)
-    for note in found.notes:
-        _log.warning("%s: %s", name, note)
-    return found.mesh
-
-
-def check_cells(content: Any) -> None:
-    """Raise ``ValueError`` for elements of vertices that are not there, and vertices that are nowhere."""
-    if np.ndim(content.points) != 2 or any(
-        np.ndim(b.data) != 2 or b.data.dtype.kind not in "iu" for b in content.cells
-    ):
-        raise ValueError("its elements are not all of as many vertices")
-    count = len(content.points)
-    far = np.flatnonzero(~(np.abs(content.points) <= LARGEST).all(axis=1))
-    if len(far):
-        raise ValueError(f"its vertex {far[0]} is at {describe_point(content.points[far[0]])}")
-    for block in content.cells:
-        if block.data.size and not 0 <= block.data.min() <= block.data.max() < count:
-            raise ValueError(f"a {block.type} has vertex {block.data.max()}; the file has {count} vertices")
+from ..._types import Longs, Mesh
+from ...geometry.boxes import box_of_axes, with_sides
+from ...geometry.layers import collar, region
+from ...meshes.read_mesh import read_mesh
+from ..scene.body_tables import InclusionTable, MeshTable
+from ..scene.reading import SceneError, blame
+from ..scene.scene import Scene, Where
 
 
 def make_mesh(spec: MeshTable, folder: Path) -> Mesh:
     """Return the mesh of a ``[mesh]`` table; a box has the boundaries left, right, bottom, top, front, back."""
     if spec.file is not None:
-        mesh = read_mesh(folder / spec.file, spec.scale or 1.0, bool(spec.join))
-        return mesh if mesh.boundaries else _with_sides(mesh)
+        try:
+            mesh = read_mesh(folder / spec.file, spec.scale or 1.0, bool(spec.join))
+        except ValueError as error:  # its sentence begins with the name of the file
+            raise SceneError(f"mesh.file = {error}") from None
+        return mesh if mesh.boundaries else with_sides(mesh)
     assert spec.box is not None
     assert spec.divisions is not None
-    import skfem
-
     nodes = np.prod([n + 1.0 for n in spec.divisions])
     if nodes * 400.0 > free_memory():
         raise SceneError(f"mesh.divisions = {list(spec.divisions)} makes {nodes:.3g} vertices, more than memory holds")
     grid = [np.linspace(low, high, n + 1) for (low, high), n in zip(spec.box, spec.divisions, strict=True)]
-    kind = (skfem.MeshLine, skfem.MeshTri, skfem.MeshTet)[len(grid) - 1]
-    return _with_sides(kind(grid[0]) if len(grid) == 1 else kind.init_tensor(*grid))
+    return with_sides(box_of_axes(*grid))
 
 
-def _with_sides(mesh: Mesh) -> Mesh:
-    """Name the facets on the sides of the bounding box."""
-    names = (("left", "right"), ("bottom", "top"), ("front", "back"))
-    facets = mesh.boundary_facets()
-    middle = mesh.p[:, mesh.facets[:, facets]]
-    sides = {}
-    for axis, pair in enumerate(names[: mesh.dim()]):
-        low, high = mesh.p[axis].min(), mesh.p[axis].max()
-        for name, at in zip(pair, (low, high), strict=True):
-            on = facets[(np.abs(middle[axis] - at) <= 1e-9 * (high - low)).all(axis=0)]
-            if len(on):
-                sides[name] = on
-    return mesh.with_boundaries(sides)
+def vertices(mesh: Mesh, where: Where, path: str) -> Longs:
+    """Return the vertices a table selects. Raises :class:`SceneError` when there are none."""
+    if where.on is not None:
+        with blame(f"{path}.on"):
+            found = collar(mesh, where.on, where.width or 0.0)
+    elif where.region is not None:
+        with blame(f"{path}.region"):
+            found = region(mesh, where.region)
+    else:
+        assert where.where is not None
+        with blame(f"{path}.where"):
+            found = np.flatnonzero(where.where(mesh.p) > 0.0)
+    if not len(found):
+        raise SceneError(f"{path} selects no vertex: the set is empty")
+    return found
+
+
+def tag(inclusion: InclusionTable, number: int) -> str:
+    """Return the name of the subdomain of an inclusion."""
+    return inclusion.region if inclusion.region is not None else f"inclusion[{number}]"
+
+
+def tagged(mesh: Mesh, scene: Scene) -> Mesh:
+    """Return the mesh with a subdomain for each inclusion that is given by a formula, of the middles of elements."""
+    tags = dict(mesh.subdomains or {})
+    for k, one in enumerate(scene.inclusion):
+        if one.where is None:
+            continue
+        with blame(f"inclusion[{k}].where"):
+            inside = np.flatnonzero(one.where(mesh.p[:, mesh.t].mean(axis=1)) > 0.0)
+        if not len(inside):
+            raise SceneError(f"inclusion[{k}].where selects no element: the set is empty")
+        tags[tag(one, k)] = inside
+    return mesh.with_subdomains(tags)

@@ -8,14 +8,13 @@ from typing import Protocol
 import numpy as np
 
 from ..._types import Floats
-from ...analysis.crack import CrackPath, crack_path, slit_directions
+from ...analysis.crack import CrackPath, crack_path
 from ...analysis.damage import Census, Intact
 from ...analysis.j_integral import j_integral
 from ...geometry.locate import locate
-from ...solve.state import State
-from ...solve.static import Equilibrium
-from ..scene.reading import SceneError
-from .domain import blame
+from ...geometry.slit_tips import slit_directions
+from ...solve.state import Equilibrium, State
+from ..scene.reading import SceneError, blame
 from .problem import Problem
 
 _AXES = ("x", "y", "z")

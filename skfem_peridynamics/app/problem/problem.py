@@ -15,7 +15,7 @@ from ..._memory import free_memory
 from ..._types import Basis, Csr, Floats, Load, Longs, Mesh
 from ...bonds.ball_rule import BallRule
 from ...bonds.bond_basis import BondBasis
-from ...bonds.pair_rule import Rule
+from ...bonds.rule import Rule
 from ...geometry.slit import Crack, facets_on, slit
 from ...material.composite import Composite
 from ...material.influence import as_influence
@@ -28,11 +28,11 @@ from ...model.space import vector_basis
 from ...solve.cfl import StepLimit, stable_time_step
 from ...solve.constraints import Prescribed
 from ...solve.newton import Effort
-from ..scene.reading import SceneError
+from ..scene.reading import SceneError, blame
 from ..scene.scene import Scene, Where
 from . import conditions
 from .cost import PER_IMPLICIT_STEP, PRODUCTS, SPARE, memory_of_run, worth_compiling
-from .domain import blame, make_mesh
+from .domain import make_mesh, tag, tagged, vertices
 
 if TYPE_CHECKING:
     from ...study.choose_rule import Choice
@@ -70,7 +70,7 @@ class Problem:
         if self.scene.crack:
             with blame("crack"):
                 mesh = slit(mesh, facets=cuts)
-        return conditions.tagged(mesh, self.scene) if self.scene.inclusion else mesh
+        return tagged(mesh, self.scene) if self.scene.inclusion else mesh
 
     @cached_property
     def basis(self) -> Basis:
@@ -102,7 +102,7 @@ class Problem:
                 if any(name in given for name in pair):  # one replaces the other
                     given = dict.fromkeys(pair) | given
             with blame(f"inclusion[{k}]"):
-                inclusions[conditions.tag(one, k)] = matrix.with_(**given)
+                inclusions[tag(one, k)] = matrix.with_(**given)
         composite = Composite(matrix, inclusions, between)
         with blame("inclusion"):
             composite.member_of(self._unrefined)
@@ -266,7 +266,7 @@ class Problem:
 
     def vertices(self, where: Where, path: str) -> Longs:
         """Return the vertices a table selects. Raises :class:`SceneError` when there are none."""
-        return conditions.vertices(self.mesh, where, path)
+        return vertices(self.mesh, where, path)
 
     @cached_property
     def fixed(self) -> list[Prescribed]:

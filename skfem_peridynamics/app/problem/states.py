@@ -11,7 +11,7 @@ from ...solve.central_difference import central_difference
 from ...solve.instability import Watch
 from ...solve.newmark import newmark
 from ...solve.static import static
-from .domain import blame
+from ..scene.reading import blame
 from .problem import Problem
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from ..._version import __version__
 from ...stability.cases import CASES
 from ...stability.verdicts import Book, Curve, Verdict
 from ..files.whole_files import write_whole
+from .figure import new_figure, save
 
 FILES = ("stability.csv", "stability.md")
 
@@ -24,8 +26,6 @@ def write_report(folder: Path, book: Book, quick: bool, pictures: bool) -> list[
         (folder / old).unlink(missing_ok=True)
     write_whole(folder / "stability.csv", as_csv(book))
     if drawn:
-        from .figure import plot_curves
-
         for name, curves in drawn.items():
             plot_curves(folder / picture_file(name), curves)
     write_whole(folder / "stability.md", as_markdown(book, quick, list(drawn)))
@@ -127,3 +127,28 @@ def as_markdown(book: Book, quick: bool, pictures: list[str]) -> str:
         lines += [*notes, ""] if notes else []
     lines += [f"![{name}]({picture_file(name)})" for name in pictures]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def plot_curves(path: Path, curves: Sequence[Curve]) -> None:
+    """Draw the lines of one picture of the stability report."""
+    figure = new_figure(8, 4.8)
+    axes = figure.add_subplot()
+    kinds = list(dict.fromkeys(curve.label.rpartition(", ")[2] for curve in curves))
+    groups = list(dict.fromkeys(curve.label.rpartition(", ")[0] for curve in curves))
+    for curve in curves:
+        group, _, kind = curve.label.rpartition(", ")
+        # one colour a scene and one marker a method, where labels are "scene, method"
+        look = {"color": f"C{groups.index(group)}"} if len(groups) > 1 else {}
+        marker = "osD^v"[kinds.index(kind) % 5] if len(curve.x) < 20 else ""
+        axes.plot(curve.x, curve.y, marker=marker, markersize=5, linewidth=1.2, label=curve.label, **look)
+    across, up = curves[0].logarithmic
+    if across:
+        axes.set_xscale("log")
+    if up:
+        axes.set_yscale("log")
+    axes.set_xlabel(curves[0].axes[0])
+    axes.set_ylabel(curves[0].axes[1])
+    axes.set_title(curves[0].picture)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    save(figure, path)

@@ -11,9 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from ...study.catalogue import Result, rates
-from ...study.measure import Row, as_dict, pareto, seconds_to
+from ...study.measure import Row, as_dict
+from ...study.rates import pareto, seconds_to
+from ...study.result import Result, rates
 from ..files.whole_files import write_whole
+from .figure import new_figure, save
 
 TARGETS = (1e-2, 1e-3, 1e-4)
 FILES = ("study.json", "study.csv", "study.md", "study.png")
@@ -32,8 +34,6 @@ def write_study(folder: Path, result: Result, pictures: bool) -> list[str]:
     write_rows(folder, result)
     write_whole(folder / "study.md", as_markdown(result))
     if pictures and result.rows:
-        from .figure import plot_work_precision
-
         plot_work_precision(folder / "study.png", result.rows, result.what)
         names.append("study.png")
     write_whole(folder / "study.json", result.as_json())
@@ -133,3 +133,45 @@ def reach_table(rows: Sequence[Row]) -> tuple[tuple[str, ...], list[tuple[Any, .
             table.append((what, f"{target:g}", f"{shown(classical[0])}{far}", *pairs, *ball, gain))
     columns = ("seconds of", "error", "classical", "pairs", "which", "ball", "which", "times cheaper")
     return columns, table
+
+
+def plot_work_precision(path: Path, rows: Sequence[Row], title: str) -> None:
+    """Draw error against seconds, log-log, a panel for each mesh, a line for each scheme; the Pareto front in black."""
+    import matplotlib
+
+    from ...study.rates import pareto
+
+    kinds = list(dict.fromkeys(row.mesh for row in rows))
+    names = list(dict.fromkeys(row.scheme for row in rows))
+    figure = new_figure(4.6 * len(kinds) + 0.5, 4.6 + 0.19 * len(names))
+    panels = figure.subplots(1, len(kinds), sharey=True, squeeze=False)[0]
+    shapes = {"classical": "s", "pairs": "o", "ball": "^"}
+    for axes, kind in zip(panels, kinds, strict=True):
+        some = [row for row in rows if row.mesh == kind]
+        for k, name in enumerate(names):
+            mine = sorted((row for row in some if row.scheme == name), key=lambda row: row.n)
+            if not mine:
+                continue
+            error, seconds = [row.error_l2 for row in mine], [row.seconds for row in mine]
+            label = name
+            if len(mine) > 1:
+                label += f" (rate {np.log(error[-2] / error[-1]) / np.log(mine[-1].n / mine[-2].n):.1f})"
+            colour = matplotlib.colormaps["tab20"](k % 20)
+            axes.loglog(error, seconds, f"{shapes[mine[0].family]}-", color=colour, ms=4, lw=1.2, label=label)
+        front = [some[k] for k in pareto([row.seconds for row in some], [row.error_l2 for row in some])]
+        axes.loglog(
+            [row.error_l2 for row in front],
+            [row.seconds for row in front],
+            "k*",
+            ms=9,
+            mfc="none",
+            label="Pareto front",
+        )
+        axes.set_title(f"{kind} meshes", fontsize=10)
+        axes.set_xlabel("relative L2 error of u")
+        axes.invert_xaxis()
+        axes.grid(True, which="major", alpha=0.3)
+        axes.legend(fontsize=6.2, loc="upper center", bbox_to_anchor=(0.5, -0.14), frameon=False)
+    panels[0].set_ylabel("seconds, set-up and steps")
+    figure.suptitle(title, fontsize=11)
+    save(figure, path)

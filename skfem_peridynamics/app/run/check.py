@@ -8,10 +8,10 @@ from ..._compile import installed
 from ..._memory import free_memory
 from ...material.influence import as_influence
 from ..problem.cost import PER_IMPLICIT_STEP, PRODUCTS, worth_compiling
-from ..problem.domain import blame
 from ..problem.measures import measures
 from ..problem.problem import Problem
 from ..problem.states import march, notes
+from ..scene.reading import blame
 from ..scene.scene import Scene
 
 # seconds a vertex and a bond of a set-up, a bond while weights are balanced, a vertex of a frame; bytes of that

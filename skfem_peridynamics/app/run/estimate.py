@@ -16,7 +16,7 @@ from ..._clock import Clock
 from ..._memory import free_memory
 from ..._types import Csr, Floats, Mesh
 from ...model.mass import mass_matrix
-from ...study.catalogue import Result
+from ...study.result import Result
 from ..files.whole_files import make_folder
 from ..problem.cost import SPARE
 from ..problem.problem import Problem

@@ -16,11 +16,12 @@ from ..._clock import Clock
 from ...analysis.crack import WINDOW, speeds
 from ...analysis.damage import Census, census, damage
 from ...analysis.stress import strain, stress, voigt
+from ...solve.energy import Energies
 from ...solve.instability import Watch
-from ...solve.state import Energies, State
-from ...solve.static import Equilibrium
+from ...solve.state import Equilibrium, State
 from ..files.checkpoint import Checkpoint, write_checkpoint
-from ..files.frames import Frames, History, clear, frame_name
+from ..files.frames import Frames, clear, frame_name
+from ..files.history import History
 from ..files.whole_files import OutputError
 from ..problem.measures import Measure
 from ..problem.problem import Problem

@@ -18,11 +18,10 @@ from ...solve.instability import UnstableRun, Watch
 from ...solve.newton import NotConverged
 from ..files import checkpoint
 from ..files.checkpoint import Checkpoint
-from ..files.frames import write_summary
+from ..files.history import write_summary
 from ..files.identity import identity
 from ..files.results import Results, Snapshot
 from ..files.whole_files import OutputError, hold, make_folder
-from ..problem.domain import blame
 from ..problem.measures import measures
 from ..problem.problem import Problem
 from ..problem.states import march, notes
@@ -30,7 +29,7 @@ from ..report import figure as plot
 from ..report.run_page import write_report
 from ..report.run_pictures import draw
 from ..scene.formula import FormulaError
-from ..scene.reading import SceneError
+from ..scene.reading import SceneError, blame
 from ..scene.scene import Scene
 from .logged import keep_notes
 from .progress import Progress, Silent

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...bonds.ball_rule import BallRule
-from ...bonds.pair_rule import PairRule, Rule
+from ...bonds.pair_rule import PairRule
+from ...bonds.rule import Rule
 from ...material.tension_only import COMPRESSION
 from .formula import Formula, FormulaError
 from .reading import SceneError, choice, count, counts, flag, key, number, positive, rows, text

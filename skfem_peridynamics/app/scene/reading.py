@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any, TypeVar
 
@@ -172,3 +173,14 @@ def counts(value: Any, path: str) -> tuple[int, ...]:
     if not isinstance(value, list) or not value:
         raise SceneError(f"{path} = {value!r} must be an array of whole numbers")
     return tuple(count(entry, f"{path}[{k}]") for k, entry in enumerate(value))
+
+
+@contextlib.contextmanager
+def blame(path: str) -> Iterator[None]:
+    """Turn a ValueError of the library into a SceneError that starts with the path of the key."""
+    try:
+        yield
+    except SceneError:  # it names its key already
+        raise
+    except ValueError as error:
+        raise SceneError(f"{path}: {error}") from None

@@ -1,0 +1,28 @@
+"""What computes the operators of a body: by sparse products, or by compiled loops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Protocol
+
+from .._types import Floats, Longs
+from .block import _T, Block
+
+
+class Engine(Protocol):
+    """What computes the operators of a body from its blocks; vectors are nodal, (N,).
+
+    ``each`` runs a function on every block and the scaled strains of its bonds, and yields results in block order.
+    ``break_and_force`` breaks the bonds beyond ``at`` times their critical strain, and returns them, in order, too.
+    ``product`` applies ``a_l``, or with weights (one array per block) ``X^T diag(weights) B``.
+    """
+
+    def energy(self, u: Floats) -> float: ...
+
+    def force(self, u: Floats) -> Floats: ...
+
+    def product(self, weights: Sequence[Floats] | None, v: Floats, transposed: bool = False) -> Floats: ...
+
+    def each(self, u: Floats, function: Callable[[Block, Floats], _T]) -> Iterator[_T]: ...
+
+    def break_and_force(self, u: Floats, at: float) -> tuple[Floats, list[tuple[Block, Longs]]]: ...

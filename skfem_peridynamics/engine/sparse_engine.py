@@ -1,0 +1,60 @@
+"""The operators by SciPy's sparse products."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._types import Floats, Longs
+from ..bonds.bond_basis import BondBasis
+from .block import _T, Block
+from .threads import Team
+
+
+@dataclass(frozen=True, eq=False)
+class SparseEngine:
+    """The operators by SciPy's sparse products: block by block, each into a window, windows added in order."""
+
+    bonds: BondBasis
+    blocks: Sequence[Block]
+    team: Team
+
+    def _samples(self, u: Floats) -> Floats:
+        return self.bonds.samples.take(u.reshape(-1, self.bonds.dim))
+
+    def _gather(self, function: Callable[[Block], Floats]) -> Floats:
+        total = np.zeros((self.bonds.samples.nsamples, self.bonds.dim))
+        for block, part in zip(self.blocks, self.team.map(function, self.blocks), strict=True):
+            total[block.window] += part
+        return total
+
+    def energy(self, u: Floats) -> float:
+        v = self._samples(u)
+        return float(sum(self.team.map(lambda block: block.energy(v), self.blocks)))
+
+    def force(self, u: Floats) -> Floats:
+        v = self._samples(u)
+        F = self._gather(lambda block: block.force(v))
+        return self.bonds.samples.spread(np.negative(F, out=F)).ravel()
+
+    def break_and_force(self, u: Floats, at: float) -> tuple[Floats, list[tuple[Block, Longs]]]:
+        found = list(self.each(u, lambda block, T: block.beyond(T, at)))
+        for block, which in zip(self.blocks, found, strict=True):
+            block.k[which] = 0.0
+        return self.force(u), [(block, one) for block, one in zip(self.blocks, found, strict=True) if len(one)]
+
+    def product(self, weights: Sequence[Floats] | None, v: Floats, transposed: bool = False) -> Floats:
+        x = self._samples(v)
+        given = {id(block): weight for block, weight in zip(self.blocks, weights or (), strict=weights is not None)}
+
+        def apply(block: Block) -> Floats:
+            weight = 2.0 * block.law.slope * block.k if weights is None else given[id(block)]
+            return block.product(weight, x, transposed)
+
+        return self.bonds.samples.spread(self._gather(apply)).ravel()
+
+    def each(self, u: Floats, function: Callable[[Block, Floats], _T]) -> Iterator[_T]:
+        v = self._samples(u)
+        return self.team.map(lambda block: function(block, block.strains(v)), self.blocks)

@@ -1,0 +1,86 @@
+"""A mesh file of any mesher as a sound simplicial mesh."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import logging
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._memory import free_memory
+from .._types import Mesh
+from ..geometry.simplices import describe_point
+from .mend import mend
+
+_log = logging.getLogger("skfem_peridynamics")
+_PRINTING = threading.Lock()
+_LARGEST = 1e100  # of a coordinate: powers of it must stay numbers
+_READING = 8  # bytes of memory a byte of a mesh file
+
+
+@contextlib.contextmanager
+def quietly(said: io.StringIO | None = None) -> Iterator[None]:
+    """Keep what is printed, for one thread at a time: two that take the output at once would not give it back."""
+    said = io.StringIO() if said is None else said
+    with _PRINTING, contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+        yield
+
+
+def read_mesh(path: Path, scale: float = 1.0, join: bool = False) -> Mesh:
+    """Return the simplicial mesh in a file that meshio reads; its groups become boundaries and subdomains.
+
+    Lengths are taken ``scale`` times; ``join`` makes one vertex of those that coincide. What had to be mended is
+    said in the log. Raises ``ValueError`` for what is no mesh of a body.
+    """
+    from .groups import raw_mesh
+    from .guarded_reader import read
+
+    name = repr(str(path))
+    if not path.is_file():
+        raise ValueError(f"{name} is not a file")
+    if path.stat().st_size * _READING > free_memory():
+        raise ValueError(
+            f"{name} has {path.stat().st_size / 1e6:.3g} MB; reading it takes about "
+            f"{_READING} times as much memory, and {free_memory() / 1e6:.3g} MB are free: take a coarser mesh"
+        )
+    said = io.StringIO()  # meshio prints its reasons
+    try:
+        with quietly(said):
+            content = read(path)
+            check_cells(content)
+            raw = raw_mesh(content, scale)
+    except ModuleNotFoundError as error:
+        raise ValueError(
+            f'{name} keeps its numbers in HDF, which needs {error.name}: install the extra "xdmf", or write the file '
+            "with its numbers inline"
+        ) from None
+    except (SystemExit, Exception) as error:  # whatever a reader of a foreign format may raise
+        reason = " ".join((said.getvalue() or str(error)).split())
+        raise ValueError(f"{name} cannot be read as a mesh: {reason}") from None
+    try:
+        found = mend(raw, join)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+    for note in found.notes:
+        _log.warning("mesh %s: %s", name, note)
+    return found.mesh
+
+
+def check_cells(content: Any) -> None:
+    """Raise ``ValueError`` for elements of vertices that are not there, and vertices that are nowhere."""
+    if np.ndim(content.points) != 2 or any(
+        np.ndim(b.data) != 2 or b.data.dtype.kind not in "iu" for b in content.cells
+    ):
+        raise ValueError("its elements are not all of as many vertices")
+    count = len(content.points)
+    far = np.flatnonzero(~(np.abs(content.points) <= _LARGEST).all(axis=1))
+    if len(far):
+        raise ValueError(f"its vertex {far[0]} is at {describe_point(content.points[far[0]])}")
+    for block in content.cells:
+        if block.data.size and not 0 <= block.data.min() <= block.data.max() < count:
+            raise ValueError(f"a {block.type} has vertex {block.data.max()}; the file has {count} vertices")

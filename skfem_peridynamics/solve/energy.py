@@ -1,0 +1,41 @@
+"""The ledger of a run: energies, work, what was dissipated, and whether they balance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._types import Floats
+
+
+@dataclass(frozen=True)
+class Energies:
+    """Energies at one time. ``work`` is that of loads and prescribed motions so far, ``initial`` the first total.
+
+    ``dissipated`` is what bonds have taken with them that broke for good.
+    """
+
+    kinetic: float
+    elastic: float
+    work: float
+    initial: float
+    dissipated: float = 0.0
+
+    @property
+    def total(self) -> float:
+        return self.kinetic + self.elastic
+
+    @property
+    def imbalance(self) -> float:
+        """``kinetic + elastic + dissipated - work - initial``, 0 for the exact motion."""
+        return self.kinetic + self.elastic + self.dissipated - self.work - self.initial
+
+
+def inner(a: Floats, b: Floats) -> float:
+    """Return ``a.b``, summed pairwise.
+
+    >>> inner(np.array([1.0, 2.0]), np.array([3.0, 4.0]))
+    11.0
+    """
+    return float(np.add.reduce(a * b))
