@@ -1,0 +1,79 @@
+"""``skfem-peridynamics run``: a scene into a folder."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+from ..scene.scene import Scene
+from .table import print_table
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run a scene into a folder and print what came out; return the exit code."""
+    scene = Scene.read(arguments.scene)
+    from ..run.progress import Line, Silent
+    from ..run.run import run as run_scene
+
+    progress = Silent() if arguments.quiet else Line()
+    begin = time.perf_counter()
+    if not arguments.quiet:
+        print(f"{scene.title}: setting up", flush=True)
+    resume = True if arguments.resume else False if arguments.restart else None
+    summary = run_scene(
+        scene, arguments.out, progress, with_estimate=arguments.estimate, resume=resume, with_report=arguments.report
+    )
+    if not arguments.quiet:
+        seconds = summary["seconds"]
+        parts = ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items())
+        print_table(
+            [
+                ("nodes, bonds", f"{summary['nodes']}, {summary['bonds']}"),
+                ("steps, dt", f"{summary['steps']}, {summary['dt']:.6g}"),
+                (
+                    "softened bonds",
+                    f"{summary['softened_bonds']}, largest |S|/S_c {_largest_strain(summary['largest_Z'])}",
+                ),
+                ("result", _headline(arguments.out, summary)),
+                ("energy drift", f"{summary['energy_drift']:.2e} of the peak energy"),
+                *_effort(summary),
+                *_error(summary),
+                ("time", f"{time.perf_counter() - begin:.1f} s ({parts})"),
+                ("per step", f"{1e3 * summary['seconds_per_step']:.2f} ms"),
+                ("memory", f"{summary['peak_memory_mb']:.0f} MB"),
+                ("written to", f"{arguments.out}" + (", report.html" if arguments.report else "")),
+            ]
+        )
+    return 0
+
+
+def _headline(out: Path, summary: dict[str, Any]) -> str:
+    from ..files.results import Results
+    from ..report.run_page import verdict
+
+    return verdict(Results(out, summary, {}, (), summary["run"]["scene"]))
+
+
+def _effort(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    rows = []
+    if "energy_lost" in summary:
+        rows.append(("lost in jumps", f"{summary['energy_lost']:.2e} of the peak energy, where cracks ran away"))
+    if "newton_iterations" in summary:
+        products = summary["hessian_products"]
+        rows.append(("Newton", f"{summary['newton_iterations']} iterations, {products} products with the tangent"))
+    return rows
+
+
+def _error(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    if "estimate_note" not in summary:
+        return []
+    error = summary["error_estimate"]
+    return [("error", summary["estimate_note"] if error is None else f"{error:.2e}: {summary['estimate_note']}")]
+
+
+def _largest_strain(Z: float) -> str:
+    if Z < 0.1:
+        return f"{Z:.3g}: no bond came near its critical strain"
+    return f"{Z:.3g}" + (": far beyond any fracture, are the units those of one system?" if Z > 1e5 else "")
