@@ -86,7 +86,7 @@ def test_a_scene_says_what_was_chosen(caplog):
         assert problem.mass_kind == "consistent"
     assert 'bonds.rule = "auto" takes ball' in caplog.text
     assert "the cheapest that is to meet 0.002" in caplog.text
-    assert Problem(scene(law="toughness = 1.0")).form == CLASSICAL
+    assert Problem(scene(law="toughness = 1.0")).discretisation == CLASSICAL
     assert Problem(scene(law="toughness = 1.0", more=", tolerance = 2e-3")).rule.name.startswith("ball")
     assert Problem(scene(), refinements=1).choice == Problem(scene()).choice
 

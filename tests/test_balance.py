@@ -11,7 +11,7 @@ from bodies import ELEMENT, at_vertices, body_on, box, grid, vector_basis
 from reference import force_on_square
 from skfem_peridynamics import BallRule, BondBasis, Crack, Exponential, Linear, PairRule, mass_matrix, slit
 from skfem_peridynamics.bonds.balance import _incompatible
-from skfem_peridynamics.bonds.moment_fit import make_piece, ratio_of, slope_of_ratio
+from skfem_peridynamics.bonds.moment_fit import moment_map, ratio_of, slope_of_ratio
 from skfem_peridynamics.bonds.moment_targets import moment_targets
 from skfem_peridynamics.bonds.tensors import killing_tensors, monomials
 from skfem_peridynamics.geometry.simplices import element_volumes
@@ -141,7 +141,7 @@ def test_killing_tensors_are_what_no_pair_weights_can_change():
         bonds = BondBasis(vector_basis(mesh), {1: 0.4, 2: 0.5, 3: 0.8}[dim])
         order = len(monomials(dim, 4))
         for part in bonds.parts:
-            piece = make_piece(bonds, part)
+            piece = moment_map(bonds, part)
             for k in range(Y.shape[2]):
                 y = np.hstack([Y[:, :, k], np.zeros((mesh.nvertices, order))])
                 assert np.abs(piece.gathered(y)).max() < 1e-13
@@ -152,7 +152,7 @@ def test_targets_are_made_compatible_near_the_boundary_only():
     mesh = slit(grid((1.0, 16), (1.0, 16)), Crack([[0.0, 0.5], [1.0, 0.5]]))
     bonds = BondBasis(vector_basis(mesh), 0.15)
     targets = moment_targets(bonds)
-    now = sum(make_piece(bonds, part).moments(part.weight) for part in bonds.parts)[:, :4]
+    now = sum(moment_map(bonds, part).moments(part.weight) for part in bonds.parts)[:, :4]
     gap = targets.values[:, :4] - now
     off = _incompatible(bonds, gap, targets.near_boundary)
     Y = killing_tensors(mesh.p.T)

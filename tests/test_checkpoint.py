@@ -30,7 +30,7 @@ from skfem_peridynamics.app.files.checkpoint import (
 )
 from skfem_peridynamics.app.problem import problem as build
 from skfem_peridynamics.app.problem.problem import Problem
-from skfem_peridynamics.app.run.resume import go_on, look_back
+from skfem_peridynamics.app.run.resume import earlier_run, restore
 from skfem_peridynamics.app.run.signals import Interrupted, Signals
 from skfem_peridynamics.app.scene.reading import SceneError
 from skfem_peridynamics.solve.instability import Watch
@@ -213,7 +213,7 @@ def test_hours_are_not_thrown_away_unasked(tmp_path, monkeypatch, capsys):
     kept = read_checkpoint(out / NAME)
     for name, value in (("seconds", {"steps": "many"}), ("run", {"scene": [1], "versions": 7, "mesh": None})):
         write_checkpoint(tmp_path, replace(kept, facts=kept.facts | {name: value}))
-        assert look_back(tmp_path, identity.identity(small(), Problem(small()).mesh), None) is None
+        assert earlier_run(tmp_path, identity.identity(small(), Problem(small()).mesh), None) is None
     command = ["run", str(tmp_path / "scene.toml"), "--out", str(out), "--quiet"]
     assert main(command) == 2
     told = capsys.readouterr().err
@@ -335,7 +335,7 @@ def test_the_limit_is_not_computed_again_and_the_peak_is_known(whole, tmp_path, 
     stop(scene, tmp_path, 12)
     found = read_checkpoint(tmp_path / NAME)
     watch = Watch(100, None)
-    assert go_on(found, Problem(scene), Clock(), watch).limit == Problem(scene).limit
+    assert restore(found, Problem(scene), Clock(), watch).limit == Problem(scene).limit
     assert watch.peak == found.facts["peak"] > 0.0
     undisturbed = whole("central difference")
     monkeypatch.setattr(build, "stable_time_step", None)

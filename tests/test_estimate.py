@@ -13,7 +13,7 @@ from skfem_peridynamics.app.cli.main import main
 from skfem_peridynamics.app.problem import cost
 from skfem_peridynamics.app.problem.problem import Problem
 from skfem_peridynamics.app.run import estimate
-from skfem_peridynamics.app.run.estimate import distance, move, order_of, prolongation
+from skfem_peridynamics.app.run.estimate import distance, order_of, prolongation, run_once
 
 WAVE = """
 title = "a bump that spreads"
@@ -53,10 +53,10 @@ def test_prolongation_keeps_linear_fields(mesh):
 def test_estimate_against_a_far_finer_run(tmp_path):
     scene = Scene.parse(WAVE)
     first = Problem(scene)
-    coarse = move(first)
+    coarse = run_once(first)
     finest = coarse
     for k in (1, 2, 3):
-        finest = move(replace(first, refinements=k), finest)
+        finest = run_once(replace(first, refinements=k), finest)
     true = distance(coarse, finest)
     (tmp_path / "scene.toml").write_text(WAVE)
     assert main(["run", str(tmp_path / "scene.toml"), "--quiet", "--estimate", "--out", str(tmp_path / "out")]) == 0
@@ -72,8 +72,8 @@ def test_estimate_against_a_far_finer_run(tmp_path):
 
 def test_refined_runs_halve_the_step_and_keep_the_times():
     first = Problem(Scene.parse(WAVE))
-    coarse = move(first)
-    fine = move(replace(first, refinements=1), coarse)
+    coarse = run_once(first)
+    fine = run_once(replace(first, refinements=1), coarse)
     assert fine.dt <= 0.5 * coarse.dt
     assert coarse.steps % 4 == fine.steps % 4 == 0
     assert coarse.steps * coarse.dt == pytest.approx(0.3, rel=1e-14)

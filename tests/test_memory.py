@@ -7,7 +7,7 @@ from faults import small
 
 from skfem_peridynamics import _memory as memory
 from skfem_peridynamics._memory import _of_group, free_memory
-from skfem_peridynamics.app.problem import problem as build
+from skfem_peridynamics.app.problem import cost, problem
 from skfem_peridynamics.app.run.check import check
 from skfem_peridynamics.app.scene.reading import SceneError
 
@@ -44,8 +44,8 @@ def test_a_limit_of_the_process(monkeypatch):
 
 
 def test_too_large_is_refused_by_check_and_run_alike(monkeypatch, tmp_path):
-    monkeypatch.setattr(build, "free_memory", lambda: 1e8)
-    for act in (lambda: check(small()), lambda: build.Problem(small()).bonds):
+    monkeypatch.setattr(cost, "free_memory", lambda: 1e8)
+    for act in (lambda: check(small()), lambda: problem.Problem(small()).bonds):
         with pytest.raises(
             SceneError, match=r"makes about .* bonds, which need 0.12 GB; 0.1 GB are free: take a smaller"
         ):

@@ -224,10 +224,10 @@ def test_notes_are_those_of_the_run_itself(tmp_path):
     import logging
     import threading
 
-    from skfem_peridynamics.app.run.logged import keep_notes
+    from skfem_peridynamics.app.run.logged import logged_warnings
 
     log = logging.getLogger("skfem_peridynamics")
-    with keep_notes() as notes:
+    with logged_warnings() as notes:
         other = threading.Thread(target=log.warning, args=("theirs",))
         other.start()
         other.join()

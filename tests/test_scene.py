@@ -214,7 +214,7 @@ def test_no_matplotlib_is_said_before_anything_is_made(tmp_path, capsys, monkeyp
 
 
 def test_more_bonds_than_memory_holds(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("skfem_peridynamics.app.problem.problem.free_memory", lambda: 1e6)
+    monkeypatch.setattr("skfem_peridynamics.app.problem.cost.free_memory", lambda: 1e6)
     assert "bonds.horizon = 0.13 makes about" in complaint(capsys, tmp_path, GOOD)
 
 

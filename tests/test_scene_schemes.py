@@ -10,7 +10,7 @@ import pytest
 import skfem_peridynamics as peri
 from skfem_peridynamics.app.cli.main import main
 from skfem_peridynamics.app.problem.problem import Problem
-from skfem_peridynamics.app.run.estimate import move
+from skfem_peridynamics.app.run.estimate import run_once
 from test_scene import GOOD, complaint
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -44,7 +44,7 @@ def ran(tmp_path, content, code=0):
 def test_newmark_and_central_difference_run_to_the_same_end(tmp_path):
     implicit = Problem(peri.Scene.parse(BAR))
     explicit = Problem(peri.Scene.parse(BAR.replace('scheme = "newmark", ', "")))
-    ends = [move(one).u[-1] for one in (implicit, explicit)]
+    ends = [run_once(one).u[-1] for one in (implicit, explicit)]
     assert np.abs(ends[0] - ends[1]).max() < 0.02 * np.abs(ends[1]).max()
     assert np.abs(ends[0] - ends[1]).max() > 1e-6 * np.abs(ends[1]).max()  # and are not the same run
     summary = ran(tmp_path, BAR)

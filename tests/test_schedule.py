@@ -11,7 +11,7 @@ from skfem_peridynamics import Crack, slit
 from skfem_peridynamics.bonds import neighbours
 from skfem_peridynamics.bonds.neighbours import curve_order, pairs_within
 from skfem_peridynamics.engine.schedule import Schedule
-from skfem_peridynamics.engine.threads import Team
+from skfem_peridynamics.engine.threads import Threads
 from skfem_peridynamics.geometry import rays
 from skfem_peridynamics.geometry.rays import Tracer
 
@@ -25,7 +25,7 @@ def random_marks(seed, tasks=40, places=25):
 def test_tasks_that_meet_never_overlap_and_keep_their_order(seed, places, monkeypatch):
     monkeypatch.setattr("skfem_peridynamics.engine.schedule._PLACES", places)
     marks = random_marks(seed)
-    made = Schedule.of(range(len(marks)), [np.flatnonzero(mark) for mark in marks], 25)
+    made = Schedule.from_tasks(range(len(marks)), [np.flatnonzero(mark) for mark in marks], 25)
     assert sorted(made.tasks) == list(range(len(marks)))
     seen, running, lock = [], set(), threading.Lock()
 
@@ -41,7 +41,7 @@ def test_tasks_that_meet_never_overlap_and_keep_their_order(seed, places, monkey
     rank = {number: n for n, number in enumerate(made.tasks)}
     for threads in (1, 4):
         seen.clear()
-        made.run(task, Team(threads))
+        made.run(task, Threads(threads))
         assert sorted(seen) == sorted(made.tasks)
         for n, one in enumerate(seen):
             for other in seen[n + 1 :]:
@@ -51,15 +51,15 @@ def test_tasks_that_meet_never_overlap_and_keep_their_order(seed, places, monkey
 
 def test_a_task_that_fails_is_heard_and_nothing_hangs():
     marks = random_marks(0)
-    made = Schedule.of(range(len(marks)), [np.flatnonzero(mark) for mark in marks], 25)
+    made = Schedule.from_tasks(range(len(marks)), [np.flatnonzero(mark) for mark in marks], 25)
 
     def task(number):
         if number == made.tasks[7]:
             raise MemoryError("no room")
 
     with pytest.raises(MemoryError, match="no room"):
-        made.run(task, Team(3))
-    made.run(lambda number: None, Team(3))
+        made.run(task, Threads(3))
+    made.run(lambda number: None, Threads(3))
 
 
 @pytest.mark.parametrize("dim", [1, 2, 3])

@@ -16,7 +16,7 @@ from skfem_peridynamics.model.space import vector_basis
 from skfem_peridynamics.stability import cases, oracles
 from skfem_peridynamics.stability.bodies import ball
 from skfem_peridynamics.stability.extreme_meshes import meshes
-from skfem_peridynamics.stability.verdicts import Book, Verdict, told
+from skfem_peridynamics.stability.verdicts import Verdict, Verdicts, reported
 from skfem_peridynamics.study.choose_rule import choose
 
 
@@ -57,10 +57,10 @@ def test_every_case_holds(tmp_path):
 
 
 def test_what_does_not_hold_is_told(tmp_path, capsys, monkeypatch):
-    def wrong(book, quick):
-        book.judge("strains", "here", "be small", 2.0, 1.0)
+    def wrong(verdicts, quick):
+        verdicts.add("strains", "here", "be small", 2.0, 1.0)
 
-    def broken(book, quick):
+    def broken(verdicts, quick):
         raise ZeroDivisionError("a slip")
 
     monkeypatch.setitem(cases.CASES, "strains", cases.Case("what", (wrong, broken)))
@@ -101,18 +101,18 @@ def test_verdicts(figure, low, high, holds, near):
     verdict = Verdict("case", "setting", "must", figure, low, high, 0.0)
     assert verdict.holds is holds
     assert nearness(verdict) == pytest.approx(near)
-    book = Book()
-    assert book.judge("case", "setting", "must", figure, high, low) is holds
-    assert book.holds is holds
-    assert allowed(verdict) in as_markdown(book, False, [])
+    verdicts = Verdicts()
+    assert verdicts.add("case", "setting", "must", figure, high, low) is holds
+    assert verdicts.holds is holds
+    assert allowed(verdict) in as_markdown(verdicts, False, [])
 
 
 def test_an_exception_is_a_verdict():
-    book = Book()
-    with told(book, "case", "setting", "must"):
+    verdicts = Verdicts()
+    with reported(verdicts, "case", "setting", "must"):
         raise ValueError("no")
-    assert not book.holds
-    assert book.verdicts[0].note == "ValueError: no"
+    assert not verdicts.holds
+    assert verdicts.entries[0].note == "ValueError: no"
 
 
 def test_the_oracle_of_pairs_is_no_copy():

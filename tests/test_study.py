@@ -11,8 +11,8 @@ from reference import force_on_square
 from skfem_peridynamics import BallRule, Exponential, Linear, PairRule, Rational
 from skfem_peridynamics.app.cli.main import main
 from skfem_peridynamics.geometry.boxes import unit_box
-from skfem_peridynamics.model.discretisation import CLASSICAL, Scheme
-from skfem_peridynamics.study.catalogue import STUDIES, entrants
+from skfem_peridynamics.model.discretisation import CLASSICAL, Discretisation
+from skfem_peridynamics.study.catalogue import STUDIES, contestants
 from skfem_peridynamics.study.exact_force import force_moments
 from skfem_peridynamics.study.known_motion import law_of
 from skfem_peridynamics.study.manufactured import Manufactured
@@ -73,7 +73,7 @@ def test_the_body_force_is_exact_enough():
     u = []
     for order, table, terms, intorder in ((8, 12, 7, None), (11, 18, 10, 14)):
         motion = Manufactured(2, 0.125, law, order=order, table=table, terms=terms)
-        setup = prepare(motion, mesh, Scheme(BallRule(3, 8)))
+        setup = prepare(motion, mesh, Discretisation(BallRule(3, 8)))
         setup = dataclasses.replace(setup, load=motion.load(setup.basis, "weak", intorder))
         u.append(setup.run(setup.limit.dt / 4)[0].u.copy())
     gap = u[1] - u[0]
@@ -88,7 +88,7 @@ def test_the_body_force_in_3d():
     mesh, u = unit_box(3, 6, "random"), []
     for order, table, intorder in ((6, 6, None), (7, 8, 6)):
         motion = Manufactured(3, 0.25, law_of(3, 0.25), order=order, table=table)
-        setup = prepare(motion, mesh, Scheme(BallRule(2, 13, "vertices"), mass="consistent"))
+        setup = prepare(motion, mesh, Discretisation(BallRule(2, 13, "vertices"), mass="consistent"))
         setup = dataclasses.replace(setup, load=motion.load(setup.basis, "weak", intorder))
         u.append(setup.run(setup.limit.dt / 4)[0].u.copy())
     gap = u[1] - u[0]
@@ -114,23 +114,25 @@ def fitted(rows, what="error_l2"):
 @pytest.mark.parametrize("name", ["smooth-1d", "waves-1d", "layer-1d"])
 def test_rates_in_1d(name):
     """L2 errors fall with h^2 at a fixed horizon for every scheme that claims it; H1 errors of Galerkin with h."""
-    race = STUDIES[name].race
-    motion = race.motion()
+    comparison = STUDIES[name].comparison
+    motion = comparison.motion()
     constant = time_constant(motion)
-    for entrant in entrants(1, quick=True):
-        if not entrant.claims or (name == "layer-1d" and "pairs, partial volume, balanced" in entrant.name):
+    for contestant in contestants(1, quick=True):
+        if not contestant.claims or (name == "layer-1d" and "pairs, partial volume, balanced" in contestant.name):
             continue  # where w is small balanced pairs are left as they were, at some sizes: docs say what they do
         # the claim is over the last three meshes, all fine enough for the layer where w is not 1
-        sizes = race.sizes[-3:]
+        sizes = comparison.sizes[-3:]
         rows = [
-            measure(motion, name, "regular", unit_box(1, n), n, entrant.make(n * motion.horizon), constant, share=0.01)
+            measure(
+                motion, name, "regular", unit_box(1, n), n, contestant.make(n * motion.horizon), constant, share=0.01
+            )
             for n in sizes
-            if n * motion.horizon < 1.3 * entrant.largest
+            if n * motion.horizon < 1.3 * contestant.largest
         ]
         order, slope = fitted(rows), fitted(rows, "error_h1")
-        print(f"{name}, {entrant.name}: L2 order {order:.2f}, H1 order {slope:.2f}, {[r.error_l2 for r in rows]}")
+        print(f"{name}, {contestant.name}: L2 order {order:.2f}, H1 order {slope:.2f}, {[r.error_l2 for r in rows]}")
         assert 1.9 < order < 2.1
-        if name == "smooth-1d" and entrant.make(4.0).kind == "consistent":
+        if name == "smooth-1d" and contestant.make(4.0).kind == "consistent":
             assert 0.95 < slope < 1.1
 
 
@@ -138,7 +140,7 @@ def test_rates_in_2d():
     """Shear waves in 2D, a rule whose cost does not grow with eps/h."""
     motion = StandingWave(2, 0.125, Linear(4.0), 0.5, "S")
     constant = time_constant(motion)
-    scheme = Scheme(BallRule(3, 8))
+    scheme = Discretisation(BallRule(3, 8))
     rows = [measure(motion, "", "regular", unit_box(2, n), n, scheme, constant, share=0.02) for n in (16, 32, 64)]
     print(f"shear waves, {scheme.name}: {[r.error_l2 for r in rows]}, order {fitted(rows):.2f}")
     assert 1.9 < fitted(rows) < 2.1
@@ -160,11 +162,18 @@ def test_a_wave_is_held_where_its_ball_is_cut():
 def test_the_time_error_stays_below_its_share():
     motion = Manufactured(1, 0.2, law_of(1, 0.2))
     constant = time_constant(motion)
-    row = measure(motion, "", "regular", unit_box(1, 40), 40, Scheme(BallRule(12, 1), balanced=True), constant)
+    row = measure(motion, "", "regular", unit_box(1, 40), 40, Discretisation(BallRule(12, 1), balanced=True), constant)
     assert row.time_error <= 0.3 * row.error_l2
     assert row.dt < 0.9 * row.dt_limit
     finer = measure(
-        motion, "", "regular", unit_box(1, 40), 40, Scheme(BallRule(12, 1), balanced=True), constant, share=0.003
+        motion,
+        "",
+        "regular",
+        unit_box(1, 40),
+        40,
+        Discretisation(BallRule(12, 1), balanced=True),
+        constant,
+        share=0.003,
     )
     assert finer.steps > 5 * row.steps
     assert abs(row.error_l2 - finer.error_l2) < 0.4 * finer.error_l2
@@ -191,11 +200,11 @@ def test_seconds_to_an_error():
 
 
 def test_names_of_schemes():
-    strong = Scheme(BallRule(2, 4, "vertices", symmetric=False))
+    strong = Discretisation(BallRule(2, 4, "vertices", symmetric=False))
     assert strong.name == "strong form, ball 2 x 4, one-sided, vertices outside; lumped mass"
-    assert [s.family for s in (CLASSICAL, Scheme(PairRule(), True), strong)] == ["classical", "pairs", "ball"]
-    assert Scheme(PairRule(points="gauss")).kind == "consistent"
-    assert Scheme(BallRule(), mass="lumped").kind == "lumped"
+    assert [s.family for s in (CLASSICAL, Discretisation(PairRule(), True), strong)] == ["classical", "pairs", "ball"]
+    assert Discretisation(PairRule(points="gauss")).kind == "consistent"
+    assert Discretisation(BallRule(), mass="lumped").kind == "lumped"
 
 
 # ---- the command

@@ -11,7 +11,7 @@ import numpy as np
 
 from skfem_peridynamics import PairRule
 from skfem_peridynamics.geometry.boxes import unit_box
-from skfem_peridynamics.model.discretisation import Scheme
+from skfem_peridynamics.model.discretisation import Discretisation
 from skfem_peridynamics.study.catalogue import STUDIES
 from skfem_peridynamics.study.measure import measure, time_constant
 
@@ -43,7 +43,7 @@ if __name__ == "__main__":
     constant = time_constant(motion)
     for kind in ("regular", "random"):
         for rule, n in ((PairRule(), 32), (PairRule(), 64), (ThinnedPairs(), 64), (ThinnedPairs(keep=45.0), 64)):
-            row = measure(motion, "", kind, unit_box(2, n, kind), n, Scheme(rule, balanced=True), constant)
+            row = measure(motion, "", kind, unit_box(2, n, kind), n, Discretisation(rule, balanced=True), constant)
             each = row.bonds / row.nodes
             print(
                 f"{kind}, {row.scheme}, eps/h = {row.per_horizon:g}, {each:.0f} a vertex: {row.error_l2:.1e}",

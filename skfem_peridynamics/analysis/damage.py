@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -63,20 +64,42 @@ def census(body: Peridynamics, u: Floats) -> Census:
     (1, 0.0, 0.5)
     """
 
-    def look(block: Block, T: Floats) -> tuple[float, Longs, float, float, float]:
-        energy = block.law.energy(T)
-        energy *= block.k
-        Z = block.law.severity(T)
-        Z *= block.k > 0.0  # a bond of zero measure is none
-        largest = float(Z.max(initial=0.0))
-        soft = np.flatnonzero(Z > 1.0) if largest > 1.0 else np.zeros(0, dtype=np.int64)
-        lost, cut = 0.0, 0.0
-        if len(soft):
-            lost, cut = float(energy[soft].sum()), float(block.k[soft].sum())
-            energy[soft] = 0.0
-        return largest, soft, float(energy.sum()), lost, cut
+    return _census(body, body.each_block(u, _count_bonds))
 
-    rows = list(body.each_block(u, look))
+
+def census_and_damage(body: Peridynamics, u: Floats) -> tuple[Census, Damage]:
+    """Return what :func:`census` and :func:`damage` do, from one pass over the strains.
+
+    >>> import skfem
+    >>> from skfem_peridynamics import BondBasis, Exponential
+    >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 5)), skfem.ElementVector(skfem.ElementLineP1()))
+    >>> body = Peridynamics(BondBasis(basis, horizon=0.25), Exponential(slope=1.0, limit=1.0))
+    >>> count, hurt = census_and_damage(body, np.array([0.0, 0.0, 0.0, 5.0, 5.0]))
+    >>> count.softened, hurt.intact.tolist()
+    (1, [1.0, 1.0, 0.5, 0.5, 1.0])
+    """
+    rows = list(body.each_block(u, lambda block, T: (_count_bonds(block, T), _bonds_of_samples(block, T))))
+    return _census(body, (counted for counted, _ in rows)), _damage(body, (sampled for _, sampled in rows))
+
+
+def _count_bonds(block: Block, T: Floats) -> tuple[float, Longs, float, float, float]:
+    """Largest Z, softened bonds, energy of the intact and of the softened ones, and the measure of those."""
+    energy = block.law.energy(T)
+    energy *= block.k
+    Z = block.law.severity(T)
+    Z *= block.k > 0.0  # a bond of zero measure is none
+    largest = float(Z.max(initial=0.0))
+    soft = np.flatnonzero(Z > 1.0) if largest > 1.0 else np.zeros(0, dtype=np.int64)
+    lost, cut = 0.0, 0.0
+    if len(soft):
+        lost, cut = float(energy[soft].sum()), float(block.k[soft].sum())
+        energy[soft] = 0.0
+    return largest, soft, float(energy.sum()), lost, cut
+
+
+def _census(body: Peridynamics, counted: Iterable[tuple[float, Longs, float, float, float]]) -> Census:
+    """Add up what the blocks counted, block by block."""
+    rows = list(counted)
     return Census(
         max((row[0] for row in rows), default=0.0),
         sum(len(row[1]) for row in rows),
@@ -130,22 +153,28 @@ def damage(body: Peridynamics, u: Floats) -> Damage:
     >>> d.softened, d.intact.tolist(), round(float(d.Z[2]), 6)          # Z = S sqrt(2 b r), S = 20, r = 1/4
     (1, [1.0, 1.0, 0.5, 0.5, 1.0], 14.142136)
     """
+    return _damage(body, body.each_block(u, _bonds_of_samples))
+
+
+def _bonds_of_samples(block: Block, T: Floats) -> tuple[slice, Floats, Floats, Floats, int]:
+    """Of the samples that a block reads: largest Z, bonds, softened bonds; and how many of these there are."""
+    C, ratio, live = block.incidence(1.0), block.law.severity(T), block.k > 0.0
+    soft = (ratio > 1.0) & live
+    largest = np.zeros(block.part.width)
+    used = C.data.ravel() > _USED
+    np.maximum.at(largest, C.indices[used], np.repeat(ratio * live, np.diff(C.indptr))[used])
+    lost = C.T @ soft.astype(float) if soft.any() else np.zeros_like(largest)
+    return block.window, largest, C.T @ live.astype(float), lost, int(soft.sum())
+
+
+def _damage(body: Peridynamics, sampled: Iterable[tuple[slice, Floats, Floats, Floats, int]]) -> Damage:
+    """Carry what the blocks say of their samples to the vertices."""
     samples = body.bonds.samples
     Z, every, gone = np.zeros(samples.nsamples), np.zeros(samples.nsamples), np.zeros(samples.nsamples)
-
-    def look(block: Block, T: Floats) -> tuple[slice, Floats, Floats, Floats, int]:
-        C, ratio, live = block.incidence(1.0), block.law.severity(T), block.k > 0.0
-        soft = (ratio > 1.0) & live
-        largest = np.zeros(block.part.width)
-        used = C.data.ravel() > _USED
-        np.maximum.at(largest, C.indices[used], np.repeat(ratio * live, np.diff(C.indptr))[used])
-        lost = C.T @ soft.astype(float) if soft.any() else np.zeros_like(largest)
-        return block.window, largest, C.T @ live.astype(float), lost, int(soft.sum())
-
     softened = 0
     if isinstance(body, Breaking):
         every, gone = every + body.lost, gone + body.lost
-    for window, largest, count, lost, number in body.each_block(u, look):
+    for window, largest, count, lost, number in sampled:
         np.maximum(Z[window], largest, out=Z[window])
         every[window] += count
         gone[window] += lost
@@ -153,6 +182,7 @@ def damage(body: Peridynamics, u: Floats) -> Damage:
     intact = 1.0 - samples.spread(gone) / np.maximum(samples.spread(every), np.finfo(float).tiny)
     if samples.at_vertices:
         return Damage(samples.spread(Z), intact, softened)
+    # a vertex sees the largest Z of all samples that use it, not their mean
     at_vertices = np.zeros(len(intact))
     used = samples.values > _USED
     np.maximum.at(at_vertices, samples.vertices[used], np.broadcast_to(Z[:, None], used.shape)[used])

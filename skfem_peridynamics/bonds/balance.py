@@ -22,7 +22,7 @@ import numpy as np
 from .._types import Bools, Floats
 from ..geometry.connected import connected
 from .bond_list import Balance, BondList
-from .moment_fit import MomentFit, make_piece, ratio_of, summed
+from .moment_fit import MomentFit, moment_map, ratio_of, summed
 from .moment_targets import moment_targets
 from .tensors import killing_tensors, monomials
 
@@ -41,7 +41,7 @@ def balance(bonds: BondList) -> Balance:
         raise ValueError(f"rule = {bonds.rule.name}: a one-sided rule needs no balance, and its weights have none")
     targets = moment_targets(bonds)
     n3, n4 = (len(monomials(bonds.dim, order)) for order in (3, 4))
-    pieces, weights = [make_piece(bonds, part) for part in bonds.parts], [part.weight for part in bonds.parts]
+    pieces, weights = [moment_map(bonds, part) for part in bonds.parts], [part.weight for part in bonds.parts]
     now = summed(piece.moments(w) for piece, w in zip(pieces, weights, strict=True))
     used = summed(piece.plus.T @ w for piece, w in zip(pieces, weights, strict=True)) > 0.0
     sampled = np.repeat(used[:, None], n3 + n4, axis=1)

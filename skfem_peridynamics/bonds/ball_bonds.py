@@ -15,7 +15,7 @@ from .samples import Samples
 
 
 @dataclass(frozen=True, eq=False)
-class Fan:
+class BallStencil:
     """What all ball bonds share: unit ``directions`` (ndir, dim), radial ``nodes`` (2, nrad) as fractions of a ray's
     reach (rays of full length, rays cut short) with their ``shares`` (2, ndir, nrad) of ``volume reach^d``, the
     elements, and where the vertices are among the samples."""
@@ -43,7 +43,7 @@ class Fan:
 
 
 @dataclass(frozen=True, eq=False)
-class BallPart:
+class BallBonds:
     """Bonds from some sites along the rays of a fan: ``y = x + reach node direction`` in ``element``.
 
     ``site`` (nsites,) sample numbers less ``first``; ``reach`` (nsites, ndir); ``element`` (nsites, ndir, nrad) of the
@@ -52,7 +52,7 @@ class BallPart:
     """
 
     samples: Samples
-    fan: Fan
+    fan: BallStencil
     first: int
     width: int
     site: Ints
@@ -72,7 +72,7 @@ class BallPart:
         which = np.searchsorted(self.samples.sites, self.first + self.site)
         return self.fan.weights(self.reach, self.samples.volume[which]).ravel()
 
-    def with_weight(self, weight: Floats) -> BallPart:
+    def with_weight(self, weight: Floats) -> BallBonds:
         return dataclasses.replace(self, given=weight)
 
     @property

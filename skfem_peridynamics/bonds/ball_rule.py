@@ -16,7 +16,7 @@ from ..geometry.rays import Tracer
 from ..geometry.simplices import describe_point, vertex_volumes
 from ..material.influence import Influence
 from . import rule as bond_parts
-from .ball_bonds import BallPart, Fan
+from .ball_bonds import BallBonds, BallStencil
 from .neighbours import curve_order
 from .quadrature import half_sphere, radial_rule
 from .rule import Part
@@ -91,9 +91,9 @@ class BallRule:
             np.stack(both) for both in zip(*(self._radial(dim, J) for J in (influence, np.ones_like)), strict=True)
         )
         shares = (2.0 if self.symmetric else 1.0) * angle[:, None] * radial[:, None, :]
-        fan = Fan(directions, nodes, shares, horizon, Tracer(mesh), samples.place[mesh.t.T].astype(np.int32))
+        fan = BallStencil(directions, nodes, shares, horizon, Tracer(mesh), samples.place[mesh.t.T].astype(np.int32))
         per_site = len(directions) * self.radial
-        out: list[BallPart] = []
+        out: list[BallBonds] = []
         order = curve_order(samples.points[samples.sites])  # so that a part reaches as few elements as it can
         count = max(1, bond_parts.BLOCK // per_site)
         for run in (order[low : low + count] for low in range(0, len(order), count)):
@@ -102,11 +102,11 @@ class BallRule:
             corners = fan.corners[element.reshape(-1)]
             first = int(min(site.min(), corners.min()))
             width = int(max(site.max(), corners.max())) + 1 - first
-            out.append(BallPart(samples, fan, first, width, (site - first).astype(np.int32), reach, element))
+            out.append(BallBonds(samples, fan, first, width, (site - first).astype(np.int32), reach, element))
         self._check(mesh, samples, out)
         return list(out)
 
-    def _check(self, mesh: Mesh, samples: Samples, made: list[BallPart]) -> None:
+    def _check(self, mesh: Mesh, samples: Samples, made: list[BallBonds]) -> None:
         """Raise ``ValueError`` for a vertex that its bonds do not hold in every direction: K would be singular."""
         dim = int(mesh.dim())
         held = np.zeros((samples.nsamples, dim * dim))
@@ -135,7 +135,7 @@ class BallRule:
             J = np.ones_like(s)
         return s, W * s ** (dim - 1 - power) / J
 
-    def _march(self, fan: Fan, samples: Samples, site: Longs, element: Longs) -> tuple[Floats, Ints]:
+    def _march(self, fan: BallStencil, samples: Samples, site: Longs, element: Longs) -> tuple[Floats, Ints]:
         """Reach (nsites, ndir) and elements (nsites, ndir, nrad) of the rays of some sites."""
         n, ndir = len(site), len(fan.directions)
         x, way = np.repeat(samples.points[site], ndir, axis=0), np.tile(fan.directions, (n, 1))

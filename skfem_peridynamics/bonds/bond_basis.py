@@ -94,7 +94,7 @@ class BondBasis(BondList):
     @cached_property
     def sides(self) -> Sides:
         """Vertices and P1 values at both ends of all bonds; made for forms only."""
-        return Sides.of(self)
+        return Sides.from_bonds(self)
 
     @property
     def N(self) -> int:

@@ -15,7 +15,7 @@ from ..geometry.layers import boundary_function
 from ..geometry.simplices import check_simplices
 from ..material.influence import Influence, as_influence, constant
 from ..material.material import UNIT_BALL
-from .pair_bonds import PairPart
+from .pair_bonds import PairBonds
 from .pair_rule import PairRule
 from .rule import Part, Rule
 from .samples import Samples
@@ -169,9 +169,9 @@ class BondList:
 
         Raises ``ValueError`` for other rules: their ends are points in elements, see :meth:`Part.sides`.
         """
-        if not self.samples.at_vertices or not all(isinstance(part, PairPart) for part in self.parts):
+        if not self.samples.at_vertices or not all(isinstance(part, PairBonds) for part in self.parts):
             raise ValueError(f"rule = {self.rule.name}: its bonds do not end at vertices")
-        ends = np.concatenate([part.ends + part.first for part in self.parts if isinstance(part, PairPart)])
+        ends = np.concatenate([part.ends + part.first for part in self.parts if isinstance(part, PairBonds)])
         vertices: Longs = self.samples.vertices[ends.T, 0].astype(np.int64)
         return vertices
 

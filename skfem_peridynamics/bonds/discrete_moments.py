@@ -9,7 +9,7 @@ from ..geometry.layers import distance_to_facets
 from ..geometry.simplices import facet_directions, vertex_sizes
 from ..material.material import UNIT_BALL
 from .bond_list import BondList
-from .pair_bonds import PairPart
+from .pair_bonds import PairBonds
 from .rule import Part
 
 _USED = 1e-9  # P1 values below this are round-off: the vertex is not used
@@ -36,14 +36,14 @@ def discrete_moments(bonds: BondList) -> tuple[float, float]:
             "bonds cannot be measured; use the continuum calibration"
         )
     normals, share = facet_directions(bonds.mesh)
-    pairs = all(isinstance(part, PairPart) for part in bonds.parts) and samples.at_vertices
+    pairs = all(isinstance(part, PairBonds) for part in bonds.parts) and samples.at_vertices
     if not len(share) and not pairs:
         normals, share = _all_directions(dim)
     strain = crack = 0.0
     for part in bonds.parts:
         # the share of points deep inside: both ends where both are outer points, else twice the one that is
         inside = part.near(deep.astype(float))
-        inside = inside + part.far(deep.astype(float)) if isinstance(part, PairPart) else 2.0 * inside
+        inside = inside + part.far(deep.astype(float)) if isinstance(part, PairBonds) else 2.0 * inside
         weight = inside * part.weight * bonds.influence_of(part)
         strain += float(weight @ np.linalg.norm(part.vectors(), axis=1))
         if len(share):
@@ -59,7 +59,7 @@ def discrete_moments(bonds: BondList) -> tuple[float, float]:
 
 def _extents(bonds: BondList, part: Part, normals: Floats) -> Floats:
     """Extent along each normal of the vertices that each bond uses, (nnormals, nbonds)."""
-    if isinstance(part, PairPart) and bonds.samples.at_vertices:
+    if isinstance(part, PairBonds) and bonds.samples.at_vertices:
         return np.abs(normals.T @ part.vectors().T)
     x, at_x, y, at_y = part.sides()
     vertices, unused = np.hstack([x, y]), np.hstack([at_x, at_y]) <= _USED

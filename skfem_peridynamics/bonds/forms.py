@@ -30,7 +30,7 @@ class Sides:
     dim: int
 
     @classmethod
-    def of(cls, bonds: BondList) -> Sides:
+    def from_bonds(cls, bonds: BondList) -> Sides:
         x, at_x, y, at_y = (np.concatenate(columns) for columns in zip(*(p.sides() for p in bonds.parts), strict=True))
         live = bonds.weight > 0.0
         return cls(live, (x[live], y[live]), (at_x[live], at_y[live]), bonds.dim)

@@ -26,7 +26,7 @@ _SWEEPS = 300  # LSMR iterations of a step
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class MomentMap:
     """A part of the bonds: hats at x minus hats at y and their sum, (nbonds, nvertices); factors of the moments."""
 
     minus: Csr
@@ -60,21 +60,21 @@ class Piece:
         return out
 
 
-def make_piece(bonds: BondList, part: Part) -> Piece:
+def moment_map(bonds: BondList, part: Part) -> MomentMap:
     P = bonds.samples.matrix[part.first : part.first + part.width]
     minus, plus = (sparse.csr_matrix(part.incidence(sign) @ P) for sign in (-1.0, 1.0))
     xi = part.vectors()
     r = np.linalg.norm(xi, axis=1)
     e = xi / np.where(r > 0.0, r, 1.0)[:, None]
     share = bonds.influence_of(part) * bonds.boundary_share_of(part)
-    return Piece(-minus, plus, powers(e, 3) * share[:, None], powers(e, 4) * (share * r / bonds.horizon)[:, None])
+    return MomentMap(-minus, plus, powers(e, 3) * share[:, None], powers(e, 4) * (share * r / bonds.horizon)[:, None])
 
 
 @dataclass(frozen=True, eq=False)
 class MomentFit:
     """Find ratios of new to old weights that give all bonds together the target moments at the active rows."""
 
-    pieces: list[Piece]
+    pieces: list[MomentMap]
     weights: list[Floats]
     target: Floats
     active: Bools

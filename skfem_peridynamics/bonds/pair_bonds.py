@@ -17,7 +17,7 @@ from .samples import Samples
 
 
 @dataclass(frozen=True, eq=False)
-class PairPart:
+class PairBonds:
     """Bonds between samples, by rows: sample ``first + row + i`` has the far ends ``partner[start[i] : start[i + 1]]``.
 
     Numbers in ``partner`` are less ``first``. ``given`` holds the weights where they are none of the rule's own; the
@@ -54,10 +54,10 @@ class PairPart:
         weight: Floats = volume[i] * volume[j] * both
         return weight
 
-    def with_weight(self, weight: Floats) -> PairPart:
+    def with_weight(self, weight: Floats) -> PairBonds:
         return dataclasses.replace(self, given=weight)
 
-    def pick(self, which: Longs) -> PairPart:
+    def pick(self, which: Longs) -> PairBonds:
         """Return the part with only some of its bonds, listed in order."""
         given = None if self.given is None else self.given[which]
         start = np.searchsorted(which, self.start)

@@ -14,7 +14,7 @@ from ..geometry.visibility import sight
 from ..material.influence import Influence
 from . import rule as bond_parts
 from .neighbours import RIM, estimate_pairs, pairs_within
-from .pair_bonds import PairPart, rim_share
+from .pair_bonds import PairBonds, rim_share
 from .rule import Part, rows_of
 from .samples import Samples, gauss_samples, vertex_samples
 
@@ -96,7 +96,7 @@ class PairRule:
             )
         return list(made)
 
-    def _parts(self, mesh: Mesh, samples: Samples, horizon: float) -> Iterator[PairPart]:
+    def _parts(self, mesh: Mesh, samples: Samples, horizon: float) -> Iterator[PairBonds]:
         """Rows of about a block of bonds at a time."""
         reach = horizon if self.partial_volume else 0.0
         near: list[Longs] = []
@@ -136,8 +136,8 @@ class PairRule:
             yield i[keep], j[keep].astype(np.int32)
 
 
-def _part(samples: Samples, row: int, start: Longs, far: Ints, reach: float) -> PairPart:
+def _part(samples: Samples, row: int, start: Longs, far: Ints, reach: float) -> PairBonds:
     far = far[start[0] : start[-1]]
     first = min(row, int(far.min()))
     last = max(row + len(start) - 2, int(far.max()))
-    return PairPart(samples, first, last + 1 - first, row - first, start - start[0], far - np.int32(first), reach)
+    return PairBonds(samples, first, last + 1 - first, row - first, start - start[0], far - np.int32(first), reach)

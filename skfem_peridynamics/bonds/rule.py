@@ -8,12 +8,12 @@ import numpy as np
 
 from .._types import Longs, Mesh
 from ..material.influence import Influence
-from .ball_bonds import BallPart
-from .pair_bonds import PairPart
+from .ball_bonds import BallBonds
+from .pair_bonds import PairBonds
 from .samples import Samples
 
 BLOCK = 1 << 17  # bonds of a part: large enough to outweigh the calls, small enough to stay in cache
-Part: TypeAlias = PairPart | BallPart
+Part: TypeAlias = PairBonds | BallBonds
 
 
 def rows_of(starts: Longs, most: int = BLOCK) -> list[slice]:

@@ -11,20 +11,20 @@ import numpy as np
 
 from .._scaling import whole_power
 from .._types import Floats, Ints, Longs
-from ..bonds.ball_bonds import BallPart
+from ..bonds.ball_bonds import BallBonds
 from ..bonds.bond_basis import BondBasis
 from . import ball_loops, element_loops
 from .block import Block
 from .compiled_law import Law, law_of, secant
 from .pair_tasks import aligned
-from .schedule import Schedule, piece
-from .threads import Team
+from .schedule import Schedule, task_size
+from .threads import Threads
 
 _ELEMENTS, _MOST = 1 << 12, 512  # of a task that tabulates or hands over, and how many tasks
 
 
 @dataclass(frozen=True, eq=False)
-class BallDesk:
+class BallArrays:
     """Working arrays of one call: the table of elements, their sums (at zero between calls)."""
 
     E: Floats
@@ -38,7 +38,7 @@ class BallTask:
     Sites have their places x and the elements that hold them, ``own``; bonds their site and the number of their vector.
     """
 
-    field: BallField
+    field: BallLoops
     block: Block
     law: Law | None
     x: Floats
@@ -57,59 +57,59 @@ class BallTask:
         """Where each bond of the task is among ``bonds`` of the block."""
         return np.argsort(self.field.far_elements(self.block)[self.bonds], kind="stable")
 
-    def _bonds(self, desk: BallDesk) -> tuple[Any, ...]:
+    def _bonds(self, arrays: BallArrays) -> tuple[Any, ...]:
         lists = self.elements, self.start, self.site, self.code, self.vectors
-        return ((0,) * self.field.bonds.dim, self.x, self.own, *lists, desk.E)
+        return ((0,) * self.field.bonds.dim, self.x, self.own, *lists, arrays.E)
 
-    def strains(self, desk: BallDesk) -> Floats:
+    def strains(self, arrays: BallArrays) -> Floats:
         """Return the scaled strains of the bonds."""
         T, sorted_T = np.empty(len(self.site)), np.empty(len(self.site))
-        ball_loops.strains(*self._bonds(desk), sorted_T)
+        ball_loops.strains(*self._bonds(arrays), sorted_T)
         T[self.order] = sorted_T
         return T
 
-    def energy(self, desk: BallDesk) -> float:
+    def energy(self, arrays: BallArrays) -> float:
         if self.law is None:
-            return float(self.block.k[self.bonds] @ self.block.law.energy(self.strains(desk)))
+            return float(self.block.k[self.bonds] @ self.block.law.energy(self.strains(arrays)))
         loop = self.law.loop(ball_loops.energy)
-        return float(loop(*self._bonds(desk), self.given, self.scale, *self.law.energy))
+        return float(loop(*self._bonds(arrays), self.given, self.scale, *self.law.energy))
 
-    def add_force(self, desk: BallDesk, law: Law | None) -> None:
+    def add_force(self, arrays: BallArrays, law: Law | None) -> None:
         """Add the forces of the bonds to the sums, under a law."""
         if law is None:
-            self._take(desk, secant(self.block, self.strains(desk), self.bonds))
+            self._take(arrays, secant(self.block, self.strains(arrays), self.bonds))
         else:
-            loop, sums = law.loop(ball_loops.force), (self.block.symmetric, desk.M)
-            loop(*self._bonds(desk), self.given, self.scale, *law.gradient, *sums)
+            loop, sums = law.loop(ball_loops.force), (self.block.symmetric, arrays.M)
+            loop(*self._bonds(arrays), self.given, self.scale, *law.gradient, *sums)
 
-    def take_product(self, desk: BallDesk, weight: Floats) -> None:
+    def take_product(self, arrays: BallArrays, weight: Floats) -> None:
         """Take ``X^T diag(weight) B u`` off the sums; weights are those of the block's bonds."""
-        self._take(desk, weight[self.bonds])
+        self._take(arrays, weight[self.bonds])
 
-    def _take(self, desk: BallDesk, weight: Floats) -> None:
-        ball_loops.product(*self._bonds(desk), weight[self.order], self.block.symmetric, desk.M)
+    def _take(self, arrays: BallArrays, weight: Floats) -> None:
+        ball_loops.product(*self._bonds(arrays), weight[self.order], self.block.symmetric, arrays.M)
 
 
-class BallField:
+class BallLoops:
     """What all tasks of a body share: the fan, the elements, and how these hand over to the vertices."""
 
     def __init__(self, bonds: BondBasis, blocks: list[Block]) -> None:
         part = blocks[0].part
-        assert isinstance(part, BallPart)
+        assert isinstance(part, BallBonds)
         self.bonds, self.fan = bonds, part.fan
-        most = piece(bonds.nbonds)
+        most = task_size(bonds.nbonds)
         self.groups = [list(self._tasks(block, most)) for block in blocks]
 
     def far_elements(self, block: Block) -> Ints:
         """The elements that the bonds of a block end in."""
-        assert isinstance(block.part, BallPart)
+        assert isinstance(block.part, BallBonds)
         every: Ints = block.part.element.ravel()
         return every if block.which is None else every[block.which]
 
     def _tasks(self, block: Block, most: int) -> Iterator[BallTask]:
         """Tasks of runs of sites, about ``most`` bonds each."""
         part = block.part
-        assert isinstance(part, BallPart)
+        assert isinstance(part, BallBonds)
         count, per_site = max(1, most // part.per_site), part.per_site
         law, plain = law_of(block.law), block.bonds.plain and block.which is None
         k = part.weight if plain else block.k
@@ -128,7 +128,7 @@ class BallField:
         self, block: Block, law: Law | None, run: slice, chosen: Longs, bonds: slice, k: Floats, scale: float
     ) -> BallTask:
         part, samples, tracer = block.part, self.bonds.samples, self.fan.tracer
-        assert isinstance(part, BallPart)
+        assert isinstance(part, BallBonds)
         sites = part.first + part.site[run].astype(np.int64)
         own = samples.element[np.searchsorted(samples.sites, sites)]
         at_vertex = own < 0
@@ -165,7 +165,7 @@ class BallField:
         return code.ravel(), vectors
 
     @cached_property
-    def _pieces(self) -> list[tuple[int, int]]:
+    def _element_runs(self) -> list[tuple[int, int]]:
         """Elements in runs."""
         count = int(self.bonds.mesh.nelements)
         step = max(_ELEMENTS, count // _MOST)
@@ -175,35 +175,35 @@ class BallField:
     def _handing(self) -> Schedule:
         """The runs of elements in a fixed order of the vertices that they add to."""
         mesh = self.bonds.mesh
-        touched = (mesh.t[:, low:high].ravel() for low, high in self._pieces)
-        return Schedule.of(self._pieces, touched, int(mesh.nvertices))
+        touched = (mesh.t[:, low:high].ravel() for low, high in self._element_runs)
+        return Schedule.from_tasks(self._element_runs, touched, int(mesh.nvertices))
 
     def schedule(self) -> Schedule:
         """Return the tasks in a fixed order of what they add to."""
         tasks = [task for group in self.groups for task in group]
         touched = (np.append(task.elements, task.own) for task in tasks)
-        return Schedule.of(tasks, touched, int(self.bonds.mesh.nelements))
+        return Schedule.from_tasks(tasks, touched, int(self.bonds.mesh.nelements))
 
-    def desk(self) -> BallDesk:
+    def arrays(self) -> BallArrays:
         """Return new working arrays."""
         size, dim = int(self.bonds.mesh.nelements), self.bonds.dim
         E = aligned(size, {1: 4, 2: 8, 3: 16}[dim])  # whole lines of the cache
         E[:, :dim] = self.fan.tracer.base
-        return BallDesk(E, aligned(size, {1: 2, 2: 8, 3: 12}[dim]))
+        return BallArrays(E, aligned(size, {1: 2, 2: 8, 3: 12}[dim]))
 
-    def load(self, desk: BallDesk, u: Floats, team: Team) -> None:
+    def load(self, arrays: BallArrays, u: Floats, pool: Threads) -> None:
         """Tabulate a displacement."""
         dim = self.bonds.dim
         fixed = (0,) * dim, self.bonds.mesh.t, self.fan.tracer.gradient, u.reshape(-1, dim)
-        for _ in team.map(lambda piece: element_loops.tabulate(*fixed, *piece, desk.E), self._pieces):
+        for _ in pool.map(lambda run: element_loops.tabulate(*fixed, *run, arrays.E), self._element_runs):
             pass
 
-    def collect(self, desk: BallDesk, team: Team) -> Floats:
+    def collect(self, arrays: BallArrays, pool: Threads) -> Floats:
         """Return what the tasks have added, as nodal values."""
         dim = self.bonds.dim
         out = np.zeros((int(self.bonds.mesh.nvertices), dim))
-        fixed = (0,) * dim, self.bonds.mesh.t, self.fan.tracer.gradient, desk.M
-        self._handing.run(lambda piece: element_loops.hand_over(*fixed, *piece, out), team)
+        fixed = (0,) * dim, self.bonds.mesh.t, self.fan.tracer.gradient, arrays.M
+        self._handing.run(lambda run: element_loops.hand_over(*fixed, *run, out), pool)
         return out.ravel()
 
 

@@ -24,9 +24,9 @@ import numpy as np
 import scipy.sparse as sparse
 
 from .._types import Csr, Floats, Longs
-from ..bonds.ball_bonds import BallPart
+from ..bonds.ball_bonds import BallBonds
 from ..bonds.bond_basis import BondBasis
-from ..bonds.pair_bonds import PairPart
+from ..bonds.pair_bonds import PairBonds
 from ..bonds.rule import Part
 from ..material.potential import Potential
 
@@ -72,7 +72,7 @@ class Block:
     def some(self, which: Longs) -> Block:
         """Return a block of some of the bonds, with the measures they have while they are whole."""
         inside = which if self.which is None else self.which[which]
-        if isinstance(self.part, PairPart):
+        if isinstance(self.part, PairBonds):
             order = np.argsort(inside, kind="stable")
             return Block(self.law, self.part.pick(inside[order]), self.bonds, None, keep=False, store=False)
         return Block(self.law, self.part, self.bonds, inside, keep=False, store=False)
@@ -173,7 +173,7 @@ def make_blocks(
     for law, pick in laws:
         for part in bonds.parts:
             which = pick(part)
-            if isinstance(part, PairPart) and bonds.may_vanish:
+            if isinstance(part, PairBonds) and bonds.may_vanish:
                 dead = bonds.measure_of(part) == 0.0
                 if dead.any():
                     which = np.flatnonzero(~dead) if which is None else which[~dead[which]]
@@ -184,8 +184,8 @@ def make_blocks(
 def matrix_bytes(nbonds: int, dim: int, kind: type[Part]) -> int:
     """Return the memory that the matrices B of so many bonds take.
 
-    >>> matrix_bytes(1000, dim=2, kind=PairPart), matrix_bytes(1000, dim=2, kind=BallPart)
+    >>> matrix_bytes(1000, dim=2, kind=PairBonds), matrix_bytes(1000, dim=2, kind=BallBonds)
     (52000, 100000)
     """
-    entries = dim * (dim + 2 if kind is BallPart else 2)
+    entries = dim * (dim + 2 if kind is BallBonds else 2)
     return nbonds * (entries * (8 + 4) + 4)

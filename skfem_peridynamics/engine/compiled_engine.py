@@ -15,11 +15,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .._types import Floats, Longs
-from ..bonds.ball_bonds import BallPart
-from .ball_tasks import BallField
+from ..bonds.ball_bonds import BallBonds
+from .ball_tasks import BallLoops
 from .block import Block
 from .compiled_law import linear
-from .pair_tasks import PairField
+from .pair_tasks import PairLoops
 from .schedule import Schedule
 from .sparse_engine import SparseEngine
 
@@ -30,10 +30,10 @@ class CompiledEngine:
     """The operators of a body by compiled loops; what they cannot do, the sparse products do."""
 
     def __init__(self, other: SparseEngine) -> None:
-        self.other, self.team = other, other.team
+        self.other, self.pool = other, other.pool
         blocks = list(other.blocks)
-        balls = bool(blocks) and isinstance(blocks[0].part, BallPart)
-        self.field: Any = BallField(other.bonds, blocks) if balls else PairField(other.bonds, blocks)
+        balls = bool(blocks) and isinstance(blocks[0].part, BallBonds)
+        self.field: Any = BallLoops(other.bonds, blocks) if balls else PairLoops(other.bonds, blocks)
         self._idle: list[Any] = []
 
     @cached_property
@@ -43,39 +43,39 @@ class CompiledEngine:
         return made
 
     @contextmanager
-    def _desk(self, u: Floats) -> Iterator[Any]:
+    def _arrays(self, u: Floats) -> Iterator[Any]:
         """Lend working arrays that hold a displacement; after a failure they are not used again."""
         try:
-            desk = self._idle.pop()
+            arrays = self._idle.pop()
         except IndexError:
-            desk = self.field.desk()
-        self.field.load(desk, np.ascontiguousarray(u), self.team)
-        yield desk
-        self._idle.append(desk)
+            arrays = self.field.arrays()
+        self.field.load(arrays, np.ascontiguousarray(u), self.pool)
+        yield arrays
+        self._idle.append(arrays)
 
     def energy(self, u: Floats) -> float:
-        with self._desk(u) as desk:
-            return float(sum(self.team.map(lambda task: task.energy(desk), self.schedule.tasks)))
+        with self._arrays(u) as arrays:
+            return float(sum(self.pool.map(lambda task: task.energy(arrays), self.schedule.tasks)))
 
     def force(self, u: Floats) -> Floats:
-        with self._desk(u) as desk:
-            self.schedule.run(lambda task: task.add_force(desk, task.law), self.team)
-            out: Floats = self.field.collect(desk, self.team)
+        with self._arrays(u) as arrays:
+            self.schedule.run(lambda task: task.add_force(arrays, task.law), self.pool)
+            out: Floats = self.field.collect(arrays, self.pool)
         return out
 
     def break_and_force(self, u: Floats, at: float) -> tuple[Floats, list[tuple[Block, Longs]]]:
         """Break the bonds beyond ``at`` times their critical strain; return the others' force, and which broke."""
         hit: list[Any] = []
-        with self._desk(u) as desk:
+        with self._arrays(u) as arrays:
 
             def take(task: Any) -> None:
-                if task.break_and_add_force(desk, at):
+                if task.break_and_add_force(arrays, at):
                     hit.append(task)
 
-            self.schedule.run(take, self.team)
+            self.schedule.run(take, self.pool)
             number = {id(block): k for k, block in enumerate(self.other.blocks)}
             hit.sort(key=lambda task: (number[id(task.block)], task.bonds.start))
-            out: Floats = self.field.collect(desk, self.team)
+            out: Floats = self.field.collect(arrays, self.pool)
         found = []
         for task in hit:
             which = task.bonds.start + np.flatnonzero(task.block.k[task.bonds] < 0.0)
@@ -86,20 +86,20 @@ class CompiledEngine:
     def product(self, weights: Sequence[Floats] | None, v: Floats, transposed: bool = False) -> Floats:
         if transposed and not self.other.bonds.rule.symmetric:
             return self.other.product(weights, v, transposed)
-        with self._desk(v) as desk:
+        with self._arrays(v) as arrays:
             if weights is None:
-                self.schedule.run(lambda task: task.add_force(desk, linear(task.block)), self.team)
+                self.schedule.run(lambda task: task.add_force(arrays, linear(task.block)), self.pool)
             else:
                 of = {id(block): weight for block, weight in zip(self.other.blocks, weights, strict=True)}
-                self.schedule.run(lambda task: task.take_product(desk, of[id(task.block)]), self.team)
-            out: Floats = self.field.collect(desk, self.team)
+                self.schedule.run(lambda task: task.take_product(arrays, of[id(task.block)]), self.pool)
+            out: Floats = self.field.collect(arrays, self.pool)
         return np.negative(out, out=out)
 
     def each(self, u: Floats, function: Callable[[Block, Floats], _T]) -> Iterator[_T]:
-        with self._desk(u) as desk:
+        with self._arrays(u) as arrays:
 
             def look(group: Sequence[Any]) -> _T:
-                T = [task.strains(desk) for task in group]
+                T = [task.strains(arrays) for task in group]
                 return function(group[0].block, T[0] if len(T) == 1 else np.concatenate(T))
 
-            yield from self.team.map(look, self.field.groups)
+            yield from self.pool.map(look, self.field.groups)

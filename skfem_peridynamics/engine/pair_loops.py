@@ -4,7 +4,8 @@ A batch is gathered (bond vectors, relative displacements), goes through the law
 scattered. Samples come as a table with rows ``x, volume, u, 1 / size``, so that all a bond needs of its far end lies
 in one cache line; ``axes`` is a tuple as long as the dimension, known when a loop is compiled. Where no measures are
 stored (``k`` is None) they are made of volumes and sizes as
-:class:`~skfem_peridynamics.bonds.pair_bonds.PairPart` makes them. Forces are summed in rows, one a component, ``F[a]``.
+:class:`~skfem_peridynamics.bonds.pair_bonds.PairBonds` makes them. Forces are summed in rows, one a component:
+``F[a]``.
 """
 
 from __future__ import annotations

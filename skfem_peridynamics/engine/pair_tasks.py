@@ -13,20 +13,20 @@ import numpy as np
 from .._compile import compiled
 from .._types import Floats, Ints, Longs
 from ..bonds.bond_basis import BondBasis
-from ..bonds.pair_bonds import PairPart
+from ..bonds.pair_bonds import PairBonds
 from ..bonds.rule import rows_of
 from ..material.tension_only import TensionOnly
 from . import pair_loops
 from .block import Block
 from .compiled_law import Law, law_of, secant
-from .schedule import Schedule, piece
-from .threads import Team
+from .schedule import Schedule, task_size
+from .threads import Threads
 
 _SAMPLES = 1 << 15  # filled or emptied at a time
 
 
 @dataclass(frozen=True, eq=False)
-class PairDesk:
+class PairArrays:
     """Working arrays of one call: the table of samples, and their sums, a row for each component."""
 
     P: Floats
@@ -71,55 +71,55 @@ class PairTask:
         rows = np.arange(self.row, self.row + len(self.start) - 1, dtype=np.int32)
         return np.concatenate([rows, self.partner]) + np.int32(self.block.part.first)
 
-    def _bonds(self, desk: PairDesk) -> tuple[Any, ...]:
-        return (0,) * len(desk.F), self.start, self.partner, self.row, desk.P[self.block.window]
+    def _bonds(self, arrays: PairArrays) -> tuple[Any, ...]:
+        return (0,) * len(arrays.F), self.start, self.partner, self.row, arrays.P[self.block.window]
 
-    def strains(self, desk: PairDesk) -> Floats:
+    def strains(self, arrays: PairArrays) -> Floats:
         """Return the scaled strains of the bonds."""
         T = np.empty(len(self.partner))
-        pair_loops.strains(*self._bonds(desk), T)
+        pair_loops.strains(*self._bonds(arrays), T)
         return T
 
-    def energy(self, desk: PairDesk) -> float:
+    def energy(self, arrays: PairArrays) -> float:
         if self.law is None:
-            return float(self.block.k @ self.block.law.energy(self.strains(desk)))
+            return float(self.block.k @ self.block.law.energy(self.strains(arrays)))
         measure = self.given, self.reach, self.scale
-        return float(self.law.loop(pair_loops.energy)(*self._bonds(desk), *measure, *self.law.energy))
+        return float(self.law.loop(pair_loops.energy)(*self._bonds(arrays), *measure, *self.law.energy))
 
-    def add_force(self, desk: PairDesk, law: Law | None) -> None:
+    def add_force(self, arrays: PairArrays, law: Law | None) -> None:
         """Add the forces of the bonds to the sums, under a law."""
         if law is None:
-            weight = secant(self.block, self.strains(desk), self.bonds)
-            pair_loops.product(*self._bonds(desk), weight, desk.view(self.block.window))
+            weight = secant(self.block, self.strains(arrays), self.bonds)
+            pair_loops.product(*self._bonds(arrays), weight, arrays.view(self.block.window))
         else:
-            measure, sums = (self.given, self.reach, self.scale), desk.view(self.block.window)
-            law.loop(pair_loops.force)(*self._bonds(desk), *measure, *law.gradient, sums)
+            measure, sums = (self.given, self.reach, self.scale), arrays.view(self.block.window)
+            law.loop(pair_loops.force)(*self._bonds(arrays), *measure, *law.gradient, sums)
 
-    def break_and_add_force(self, desk: PairDesk, at: float) -> int:
+    def break_and_add_force(self, arrays: PairArrays, at: float) -> int:
         """Break the bonds beyond ``at`` times their critical strain, add the forces of the others; return how many.
 
         Those that broke have the measure -1.
         """
         if self.law is None:
-            which = self.block.beyond(self.strains(desk), at, self.bonds)
+            which = self.block.beyond(self.strains(arrays), at, self.bonds)
             self.block.k[which] = 0.0
-            self.add_force(desk, None)
+            self.add_force(arrays, None)
             self.block.k[which] = -1.0
             return len(which)
         if not np.isfinite(self.block.law.inflection):
-            self.add_force(desk, self.law)
+            self.add_force(arrays, self.law)
             return 0
-        measure, sums = (self.given, self.reach, self.scale), desk.view(self.block.window)
+        measure, sums = (self.given, self.reach, self.scale), arrays.view(self.block.window)
         limit, both = (at * self.block.law.inflection) ** 2, not isinstance(self.block.law, TensionOnly)
         loop = self.law.loop(pair_loops.force)
-        return int(loop(*self._bonds(desk), *measure, *self.law.gradient, sums, limit, both))
+        return int(loop(*self._bonds(arrays), *measure, *self.law.gradient, sums, limit, both))
 
-    def take_product(self, desk: PairDesk, weight: Floats) -> None:
+    def take_product(self, arrays: PairArrays, weight: Floats) -> None:
         """Take ``B^T diag(weight) B u`` off the sums; weights are those of the block's bonds."""
-        pair_loops.product(*self._bonds(desk), weight[self.bonds], desk.view(self.block.window))
+        pair_loops.product(*self._bonds(arrays), weight[self.bonds], arrays.view(self.block.window))
 
 
-class PairField:
+class PairLoops:
     """What all tasks of a body share: where their arrays come from, and what they add to."""
 
     def __init__(self, bonds: BondBasis, blocks: list[Block]) -> None:
@@ -128,7 +128,7 @@ class PairField:
 
     def _task(self, block: Block) -> PairTask:
         part, plain = block.part, block.bonds.plain
-        assert isinstance(part, PairPart)
+        assert isinstance(part, PairBonds)
         start, partner, given, scale = part.start, part.partner, part.given, block.bonds.prefactor
         if block.which is not None:
             start, partner = np.searchsorted(block.which, start), partner[block.which]
@@ -140,9 +140,9 @@ class PairField:
 
     def schedule(self) -> Schedule:
         """Return the tasks, split to keep all threads busy, in a fixed order of what they add to."""
-        most = piece(self.bonds.nbonds)
+        most = task_size(self.bonds.nbonds)
         pieces = [some for (task,) in self.groups for some in task.split(most)]
-        return Schedule.of(pieces, (some.touched() for some in pieces), self.bonds.samples.nsamples)
+        return Schedule.from_tasks(pieces, (some.touched() for some in pieces), self.bonds.samples.nsamples)
 
     @cached_property
     def _runs(self) -> list[tuple[int, int]]:
@@ -150,31 +150,31 @@ class PairField:
         n = self.bonds.samples.nsamples
         return [(low, min(n, low + _SAMPLES)) for low in range(0, n, _SAMPLES)]
 
-    def desk(self) -> PairDesk:
+    def arrays(self) -> PairArrays:
         """Return new working arrays."""
         samples, dim = self.bonds.samples, self.bonds.dim
         P = aligned(samples.nsamples, 2 * dim + 2)
         P[:, :dim], P[:, dim], P[:, 2 * dim + 1] = samples.points, samples.volume, 1.0 / samples.size
-        return PairDesk(P, np.zeros((dim, samples.nsamples)))
+        return PairArrays(P, np.zeros((dim, samples.nsamples)))
 
-    def load(self, desk: PairDesk, u: Floats, team: Team) -> None:
+    def load(self, arrays: PairArrays, u: Floats, pool: Threads) -> None:
         """Put a displacement into the table, zeros into the sums."""
         samples, dim = self.bonds.samples, self.bonds.dim
         if samples.at_vertices:
             nodal = u.reshape(-1, dim)
-            for _ in team.map(lambda run: _fill(samples.vertices, nodal, *run, desk.P, desk.F), self._runs):
+            for _ in pool.map(lambda run: _fill(samples.vertices, nodal, *run, arrays.P, arrays.F), self._runs):
                 pass
         else:
-            desk.P[:, dim + 1 : 2 * dim + 1] = samples.take(u.reshape(-1, dim))
-            desk.F.fill(0.0)
+            arrays.P[:, dim + 1 : 2 * dim + 1] = samples.take(u.reshape(-1, dim))
+            arrays.F.fill(0.0)
 
-    def collect(self, desk: PairDesk, team: Team) -> Floats:
+    def collect(self, arrays: PairArrays, pool: Threads) -> Floats:
         """Return what the tasks have added, as nodal values."""
         samples = self.bonds.samples
         if not samples.at_vertices:
-            return samples.spread(desk.F.T).ravel()
-        out = np.empty((samples.nvertices, len(desk.F)))
-        for _ in team.map(lambda run: _empty(samples.vertices, desk.F, *run, out), self._runs):
+            return samples.spread(arrays.F.T).ravel()
+        out = np.empty((samples.nvertices, len(arrays.F)))
+        for _ in pool.map(lambda run: _empty(samples.vertices, arrays.F, *run, out), self._runs):
             pass
         return out.ravel()
 

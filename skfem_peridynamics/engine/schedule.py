@@ -13,28 +13,28 @@ from typing import Any
 import numpy as np
 
 from .._types import Bools, Ints
-from .threads import Team
+from .threads import Threads
 
 _LEAST, _MOST = 1 << 14, 1 << 17  # bonds: handing out a task costs some ten microseconds, a bond some nanoseconds
 _FEW, _MANY = 64, 1024  # tasks: enough for all threads, and so many that who meets whom is soon found out
 _PLACES = 4096  # told apart; where there are more, neighbours by number count as one
 
 
-def piece(nbonds: int) -> int:
+def task_size(nbonds: int) -> int:
     """Return of how many bonds to make a task.
 
-    >>> piece(10**4), piece(3 * 10**6), piece(10**7), piece(2**28)
+    >>> task_size(10**4), task_size(3 * 10**6), task_size(10**7), task_size(2**28)
     (16384, 46875, 131072, 262144)
     """
     return max(_LEAST, min(_MOST, nbonds // _FEW), nbonds // _MANY)
 
 
-def meetings(touched: Iterable[Ints], size: int) -> Bools:
+def overlaps(touched: Iterable[Ints], size: int) -> Bools:
     """Return which tasks meet, (n, n): those that touch the same of ``size`` places, or ones next to each other.
 
     Where there are many places, neighbours by number count as one. What tasks touch is looked at one by one.
 
-    >>> meetings([np.array([0, 1]), np.array([1, 2]), np.array([2])], size=3).astype(int).tolist()
+    >>> overlaps([np.array([0, 1]), np.array([1, 2]), np.array([2])], size=3).astype(int).tolist()
     [[1, 1, 0], [1, 1, 1], [0, 1, 1]]
     """
     width = -(-size // _PLACES)
@@ -50,17 +50,17 @@ def meetings(touched: Iterable[Ints], size: int) -> Bools:
     return meet
 
 
-def phases(meet: Bools) -> list[list[int]]:
-    """Sort tasks into phases, first come first served: no two of a phase meet.
+def groups(meet: Bools) -> list[list[int]]:
+    """Sort tasks into groups, first come first served: no two of a group meet.
 
-    >>> phases(meetings([np.array([0, 1]), np.array([1, 2]), np.array([2])], size=3))
+    >>> groups(overlaps([np.array([0, 1]), np.array([1, 2]), np.array([2])], size=3))
     [[0, 2], [1]]
     """
     out: list[list[int]] = []
-    for number, mine in enumerate(meet):
-        for phase in out:
-            if not mine[phase].any():
-                phase.append(number)
+    for number, row in enumerate(meet):
+        for group in out:
+            if not row[group].any():
+                group.append(number)
                 break
         else:
             out.append([number])
@@ -69,7 +69,7 @@ def phases(meet: Bools) -> list[list[int]]:
 
 @dataclass(frozen=True, eq=False)
 class Schedule:
-    """Tasks in the order of their phases, and for each the earlier ones that it has to wait for.
+    """Tasks in the order of their groups, and for each the earlier ones that it has to wait for.
 
     These touch what it touches; those that another of them waits for already are left out.
     """
@@ -78,26 +78,26 @@ class Schedule:
     waits: Sequence[Sequence[int]]
 
     @classmethod
-    def of(cls, tasks: Sequence[Any], touched: Iterable[Ints], size: int) -> Schedule:
+    def from_tasks(cls, tasks: Sequence[Any], touched: Iterable[Ints], size: int) -> Schedule:
         """Order tasks by the places, of ``size``, that they touch."""
-        meet = meetings(touched, size)
-        order = [number for phase in phases(meet) for number in phase]
+        meet = overlaps(touched, size)
+        order = [number for group in groups(meet) for number in group]
         meet = meet[np.ix_(order, order)]
         waits: list[list[int]] = []
         before: list[int] = []  # all that come before each task, a bit for each
         for n in range(len(order)):
-            mine, known = [], 0
+            waited, known = [], 0
             for k in reversed(np.flatnonzero(meet[n, :n]).tolist()):
                 if not known >> k & 1:
-                    mine.append(k)
+                    waited.append(k)
                     known |= before[k] | 1 << k
-            waits.append(mine)
+            waits.append(waited)
             before.append(known)
         return cls([tasks[number] for number in order], waits)
 
-    def run(self, function: Callable[[Any], Any], team: Team) -> None:
+    def run(self, function: Callable[[Any], Any], pool: Threads) -> None:
         """Run a function on every task."""
-        if team.threads == 1 or len(self.tasks) < 2:
+        if pool.threads == 1 or len(self.tasks) < 2:
             for task in self.tasks:
                 function(task)
             return
@@ -113,5 +113,5 @@ class Schedule:
                 finally:
                     done[n].set()
 
-        for _ in team.map(work, range(team.threads)):
+        for _ in pool.map(work, range(pool.threads)):
             pass

@@ -10,7 +10,7 @@ import numpy as np
 from .._types import Floats, Longs
 from ..bonds.bond_basis import BondBasis
 from .block import _T, Block
-from .threads import Team
+from .threads import Threads
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,20 +19,20 @@ class SparseEngine:
 
     bonds: BondBasis
     blocks: Sequence[Block]
-    team: Team
+    pool: Threads
 
     def _samples(self, u: Floats) -> Floats:
         return self.bonds.samples.take(u.reshape(-1, self.bonds.dim))
 
     def _gather(self, function: Callable[[Block], Floats]) -> Floats:
         total = np.zeros((self.bonds.samples.nsamples, self.bonds.dim))
-        for block, part in zip(self.blocks, self.team.map(function, self.blocks), strict=True):
+        for block, part in zip(self.blocks, self.pool.map(function, self.blocks), strict=True):
             total[block.window] += part
         return total
 
     def energy(self, u: Floats) -> float:
         v = self._samples(u)
-        return float(sum(self.team.map(lambda block: block.energy(v), self.blocks)))
+        return float(sum(self.pool.map(lambda block: block.energy(v), self.blocks)))
 
     def force(self, u: Floats) -> Floats:
         v = self._samples(u)
@@ -57,4 +57,4 @@ class SparseEngine:
 
     def each(self, u: Floats, function: Callable[[Block, Floats], _T]) -> Iterator[_T]:
         v = self._samples(u)
-        return self.team.map(lambda block: function(block, block.strains(v)), self.blocks)
+        return self.pool.map(lambda block: function(block, block.strains(v)), self.blocks)

@@ -20,7 +20,7 @@ def usable_cores() -> int:
     return os.cpu_count() or 1
 
 
-class Team:
+class Threads:
     """Run a function over things, in threads where there are several, results in order.
 
     A process that was forked off starts threads of its own.

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from .._types import Bools, Floats, Ints, Longs, Mesh
 from .layers import named_facets
 from .simplices import check_simplices, describe_point, distance_to_simplices
-from .vertex_sectors import fans
+from .vertex_sectors import vertex_sectors
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ def _split(mesh: Mesh, cut: Longs) -> tuple[Ints, Longs]:
     """
     on_crack = np.zeros(mesh.nvertices, dtype=bool)
     on_crack[mesh.facets[:, cut]] = True
-    corners, fan, vertex = fans(mesh, on_crack, cut)
+    corners, fan, vertex = vertex_sectors(mesh, on_crack, cut)
     # the first fan of a vertex keeps its number, the others get copies
     first = np.ones(len(vertex), dtype=bool)
     first[1:] = vertex[1:] != vertex[:-1]

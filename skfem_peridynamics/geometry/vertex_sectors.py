@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from .._types import Bools, Longs, Mesh
 
 
-def fans(mesh: Mesh, marked: Bools, cut: Longs) -> tuple[Longs, Longs, Longs]:
+def vertex_sectors(mesh: Mesh, marked: Bools, cut: Longs) -> tuple[Longs, Longs, Longs]:
     """Return the fans of marked vertices: corners of elements there, the fan of each corner, the vertex of each fan.
 
     Two elements at a vertex are in one fan when a chain of interior facets at that vertex, none of them in ``cut``,
@@ -18,9 +18,9 @@ def fans(mesh: Mesh, marked: Bools, cut: Longs) -> tuple[Longs, Longs, Longs]:
 
     >>> import skfem
     >>> m = skfem.MeshTri()                                            # two triangles share the diagonal
-    >>> fans(m, np.ones(4, dtype=bool), np.array([], dtype=int))[2].tolist()
+    >>> vertex_sectors(m, np.ones(4, dtype=bool), np.array([], dtype=int))[2].tolist()
     [0, 1, 2, 3]
-    >>> fans(m, np.ones(4, dtype=bool), np.flatnonzero(m.f2t[1] >= 0))[2].tolist()
+    >>> vertex_sectors(m, np.ones(4, dtype=bool), np.flatnonzero(m.f2t[1] >= 0))[2].tolist()
     [0, 1, 1, 2, 2, 3]
     """
     inner = np.flatnonzero(mesh.f2t[1] >= 0)

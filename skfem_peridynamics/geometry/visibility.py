@@ -20,7 +20,7 @@ import numpy as np
 
 from .._types import Bools, Floats, Longs, Mesh
 from .simplices import outward_normals, vertex_sizes
-from .vertex_sectors import fans
+from .vertex_sectors import vertex_sectors
 
 _INSET = 1e-6  # of the vertex size
 _SEAM = 1e-5  # barycentric: more than an inset can shift a crossing
@@ -44,7 +44,7 @@ class Facets:
     flush: float
 
     @classmethod
-    def of(cls, corners: Floats, normal: Floats, extent: float) -> Facets:
+    def from_corners(cls, corners: Floats, normal: Floats, extent: float) -> Facets:
         edges = np.moveaxis(corners[:, 1:] - corners[:, :1], 2, 0)
         middle = corners.mean(axis=1)
         radius = float(np.linalg.norm(corners - middle[:, None], axis=0).max(initial=0.0))
@@ -186,14 +186,14 @@ def sight(mesh: Mesh, reach: float, points: Floats | None = None, size: Floats |
     _, first = np.unique(np.round((middle - middle.min(axis=1, keepdims=True)) / extent, 12), axis=1, return_index=True)
     standing = np.intersect1d(np.flatnonzero(blocking), first)
     near, around = np.zeros(points.shape[1], dtype=bool), np.zeros(len(facets), dtype=bool)
-    block = Facets.of(corners[:, :, standing], normal[:, standing], extent)
+    block = Facets.from_corners(corners[:, :, standing], normal[:, standing], extent)
     if len(standing):
         tree = cKDTree(block.middle.T)
         far = (reach + block.radius) * (1.0 + 1e-9)
         near = np.isfinite(tree.query(points.T, distance_upper_bound=far)[0])
         close = np.isfinite(tree.query(mesh.p.T, distance_upper_bound=far)[0]) if inside else near
         around[first] = close[mesh.facets[:, facets[first]]].any(axis=0)
-    boundary = Facets.of(corners[:, :, around], normal[:, around], extent)
+    boundary = Facets.from_corners(corners[:, :, around], normal[:, around], extent)
     if inside or not len(standing):
         return Sight(points, size, block, boundary, near, np.empty(0, dtype=np.int64))
     inward = _inward(mesh, facets, normal)
@@ -219,7 +219,7 @@ def _inward(mesh: Mesh, facets: Longs, normal: Floats) -> Floats:
     n = np.tile(normal, mesh.facets.shape[0])
     on_boundary = np.zeros(mesh.nvertices, dtype=bool)
     on_boundary[vertex] = True
-    _, _, of_fan = fans(mesh, on_boundary, np.empty(0, dtype=np.int64))
+    _, _, of_fan = vertex_sectors(mesh, on_boundary, np.empty(0, dtype=np.int64))
     single = np.bincount(of_fan, minlength=mesh.nvertices) == 1
     n, vertex = n[:, single[vertex]], vertex[single[vertex]]
     point = np.zeros_like(mesh.p)

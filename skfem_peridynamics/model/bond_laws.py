@@ -14,13 +14,13 @@ from ..bonds.rule import Part
 from ..material.composite import Composite
 from ..material.potential import Linear, Potential
 
-Pick: TypeAlias = Callable[[Part], Longs | None]  # the numbers of its bonds of a part, None for all
+Selector: TypeAlias = Callable[[Part], Longs | None]  # the numbers of its bonds of a part, None for all
 _ROUND_OFF = 1e-9  # P1 values below this do not count as use of a vertex
 
 
-def allot(
+def laws_of_bonds(
     bonds: BondBasis, laws: Sequence[Potential], composite: Composite | None, no_fail: npt.ArrayLike | None
-) -> list[tuple[Potential, Pick]]:
+) -> list[tuple[Potential, Selector]]:
     """Return the laws of the bonds, each with the function that picks its bonds; those that can fail come first.
 
     ``laws`` are those of the materials, one where ``composite`` is None.
@@ -28,7 +28,7 @@ def allot(
     shares = [(laws[0], None)] if composite is None else list(_of_materials(bonds, laws, composite))
     if no_fail is None:
         return [(law, _all if which is None else which) for law, which in shares]
-    marked = _spared(bonds, no_fail)
+    marked = _no_fail_samples(bonds, no_fail)
     can = [(law, _picked(which, lambda part: ~_touches(part, marked))) for law, which in shares]
     cannot = [(Linear(law.slope), _picked(which, lambda part: _touches(part, marked))) for law, which in shares]
     return can + cannot
@@ -38,7 +38,7 @@ def _all(part: Part) -> None:
     return None
 
 
-def _picked(which: Callable[[Part], Longs] | None, among: Callable[[Part], Bools]) -> Pick:
+def _picked(which: Callable[[Part], Longs] | None, among: Callable[[Part], Bools]) -> Selector:
     """Those bonds among ``which`` for which ``among`` is true."""
 
     def pick(part: Part) -> Longs:
@@ -76,7 +76,7 @@ def _of_materials(
         yield composite.mixed(laws, members), lambda part, one=one: np.flatnonzero(sets(part) == one)  # type: ignore[misc]
 
 
-def _spared(bonds: BondBasis, no_fail: npt.ArrayLike) -> Floats:
+def _no_fail_samples(bonds: BondBasis, no_fail: npt.ArrayLike) -> Floats:
     """1 at the samples that use a no-fail vertex, else 0."""
     listed = np.asarray(no_fail)
     nvertices = bonds.mesh.nvertices

@@ -1,4 +1,4 @@
-"""A scheme: a rule, a mass, balanced weights or not; central difference in time."""
+"""How a body is discretised: a rule, balanced weights or not, a mass."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from ..bonds.rule import Rule
 
 
 @dataclass(frozen=True)
-class Scheme:
-    """A rule, a mass and whether weights are balanced: all that makes a scheme, beside central difference in time.
+class Discretisation:
+    """A rule, whether its weights are balanced, and a mass: all that a space discretisation is.
 
-    >>> Scheme(BallRule(3, 8), balanced=True).name
+    >>> Discretisation(BallRule(3, 8), balanced=True).name
     'ball 3 x 8, Gauss points outside, balanced; consistent mass'
     """
 
@@ -35,10 +35,15 @@ class Scheme:
         return "classical" if self == CLASSICAL else "pairs"
 
     @property
+    def strong(self) -> bool:
+        """Whether it is the strong form: a force at each vertex, of the bonds that begin there."""
+        return isinstance(self.rule, BallRule) and not self.rule.symmetric and self.rule.outer == "vertices"
+
+    @property
     def name(self) -> str:
-        strong = isinstance(self.rule, BallRule) and not self.rule.symmetric and self.rule.outer == "vertices"
-        form = "strong form, " if strong else ""
+        """What tables call it."""
+        form = "strong form, " if self.strong else ""
         return f"{form}{self.rule.name}{', balanced' if self.balanced else ''}; {self.kind} mass"
 
 
-CLASSICAL = Scheme(PairRule())
+CLASSICAL = Discretisation(PairRule())

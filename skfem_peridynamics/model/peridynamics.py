@@ -19,11 +19,11 @@ from ..bonds.bond_basis import BondBasis
 from ..engine.block import Block, make_blocks, matrix_bytes
 from ..engine.engine import Engine
 from ..engine.sparse_engine import SparseEngine
-from ..engine.threads import Team
+from ..engine.threads import Threads
 from ..material.composite import Composite
 from ..material.material import Elastic, Material, crossing
 from ..material.potential import Linear, Potential
-from .bond_laws import allot
+from .bond_laws import laws_of_bonds
 
 _T = TypeVar("_T")
 
@@ -124,7 +124,7 @@ class Peridynamics:
         """The bonds in computing form, those that can fail first."""
         composite = self.material if isinstance(self.material, Composite) else None
         keep, store = self._fits and not self.compiles, self._fits or not self.compiles
-        return list(make_blocks(self.bonds, allot(self.bonds, self.laws, composite, self.no_fail), keep, store))
+        return list(make_blocks(self.bonds, laws_of_bonds(self.bonds, self.laws, composite, self.no_fail), keep, store))
 
     @property
     def _fits(self) -> bool:
@@ -135,14 +135,14 @@ class Peridynamics:
         return sum(matrix_bytes(part.nbonds, bonds.dim, type(part)) for part in bonds.parts) <= self.matrix_memory
 
     @cached_property
-    def team(self) -> Team:
+    def pool(self) -> Threads:
         """The threads that work on the blocks, started when first needed."""
-        return Team(self.threads)
+        return Threads(self.threads)
 
     @cached_property
     def engine(self) -> Engine:
         """What computes the operators: compiled loops where numba is installed, else SciPy's sparse products."""
-        sparse_engine = SparseEngine(self.bonds, self.blocks, self.team)
+        sparse_engine = SparseEngine(self.bonds, self.blocks, self.pool)
         if not self.compiles:
             return sparse_engine
         from ..engine.compiled_engine import CompiledEngine

@@ -9,7 +9,7 @@ import scipy.sparse as sparse
 
 from .._types import Floats, Longs
 from .peridynamics import Peridynamics
-from .vertex_stiffness import held_stiffness
+from .vertex_stiffness import vertex_stiffness
 
 _NOTHING = 1e-12  # of the largest: what round-off makes of a stiffness that is zero
 
@@ -71,7 +71,7 @@ def check_rigid(body: Peridynamics) -> None:
     """
     bonds = body.bonds
     p = bonds.mesh.p
-    held = held_stiffness(body)
+    held = vertex_stiffness(body)
     least, most = np.linalg.eigvalsh(held)[:, [0, -1]].T
     floppy = np.flatnonzero((least <= _NOTHING * most) & (most > 0.0))
     if bonds.vertex_weight is None and len(floppy):
@@ -91,7 +91,7 @@ def check_rigid(body: Peridynamics) -> None:
             )
 
 
-def check_held(body: Peridynamics, prescribed: Longs) -> None:
+def check_supported(body: Peridynamics, prescribed: Longs) -> None:
     """Raise ``ValueError`` when a part of the body can move rigidly although some degrees of freedom are prescribed.
 
     Parts are what bonds connect. A statics problem needs each of them held.

@@ -12,7 +12,7 @@ from ..engine.block import Block
 from .peridynamics import Peridynamics
 
 
-def held_stiffness(body: Peridynamics, weights: Sequence[Floats] | None = None) -> Floats:
+def vertex_stiffness(body: Peridynamics, weights: Sequence[Floats] | None = None) -> Floats:
     """Return the stiffness ``A_i`` that all bonds of vertex i hang on it, by P1 values, (nvertices, dim, dim).
 
     Of vertex pairs it is the diagonal block of the stiffness. For any list of bonds whose force is a gradient,
@@ -23,7 +23,7 @@ def held_stiffness(body: Peridynamics, weights: Sequence[Floats] | None = None) 
     >>> from skfem_peridynamics import BondBasis, Linear
     >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 3)), skfem.ElementVector(skfem.ElementLineP1()))
     >>> body = Peridynamics(BondBasis(basis, horizon=0.5), Linear(slope=1.0))
-    >>> held_stiffness(body).ravel().tolist() == body.stiffness().diagonal().tolist()
+    >>> vertex_stiffness(body).ravel().tolist() == body.stiffness().diagonal().tolist()
     True
     """
     samples, dim = body.bonds.samples, body.bonds.dim
@@ -42,17 +42,17 @@ def held_stiffness(body: Peridynamics, weights: Sequence[Floats] | None = None) 
         return what
 
     jobs = list(zip(body.blocks, given, strict=True))
-    for block, part in zip(body.blocks, body.team.map(hung, jobs), strict=True):
+    for block, part in zip(body.blocks, body.pool.map(hung, jobs), strict=True):
         A[block.window] += part
     return samples.spread(A).reshape(-1, dim, dim)
 
 
-def held_by_bonds(body: Peridynamics) -> Floats:
+def vertex_stiffness_scale(body: Peridynamics) -> Floats:
     """Return one positive number for each degree of freedom: the stiffness that bonds hold its vertex with, (N,).
 
     Where there is none it is the smallest that there is.
     """
-    of_vertex = np.trace(held_stiffness(body), axis1=1, axis2=2)
+    of_vertex = np.trace(vertex_stiffness(body), axis1=1, axis2=2)
     some = of_vertex > 0.0
     of_vertex[~some] = of_vertex[some].min(initial=1.0)
     return np.repeat(of_vertex, body.bonds.dim)

@@ -202,7 +202,7 @@ def _steps(
         now = state()
         again = tangent is not None and step % adapt == 0 and at(step) < end
         if guard.due(step, last=at(step) >= end) or again:
-            guard.look(now)
+            guard.check(now)
         yield now
         if tangent is not None and again:
             origin, first, left = at(step), step, until - at(step)

@@ -15,10 +15,11 @@ from .._types import Floats
 from ..geometry.simplices import vertex_volumes
 from ..material.influence import as_influence
 from ..model.peridynamics import Peridynamics
-from ..model.vertex_stiffness import held_stiffness
+from ..model.vertex_stiffness import vertex_stiffness
 from .mass_solver import Lumped, MassSolver, mass_solver
 from .state import State
 
+SAFETY = 0.9  # part of the stable limit that a run takes where nothing is said (docs/stability.md)
 _DENSE = 128  # unknowns up to which the whole spectrum is computed
 # Lanczos from one random vector can settle on a neighbour of the largest eigenvalue with a small residual. In a space
 # of 20 vectors it was 0.11 % low at worst over tests/test_cfl.py's meshes and four starts each, and 1.4 % in one of
@@ -60,7 +61,7 @@ class StepLimit:
         """
         return bool(dt * dt * self.eigenvalue > 4.0)
 
-    def step_for(self, until: float, safety: float = 0.9) -> float:
+    def step_for(self, until: float, safety: float = SAFETY) -> float:
         """Return the largest step of at most ``safety`` times the limit that ends a run at ``until`` exactly.
 
         Raises ``ValueError`` for a time or a safety that is not positive.
@@ -79,15 +80,26 @@ class StepLimit:
         return {name: 0.0 if lam == inf else 2.0 / sqrt(lam) for name, lam in values.items()}
 
 
-def closed_form(body: Peridynamics, density: float) -> float:
-    """Return ``8 f'(0) Jbar_1 / (rho d horizon^2)``: d times sharper than the paper's; infinite in 1D.
+def exact_eigenvalue_bound(slope: float, mean: float, density: float, dim: int, horizon: float) -> float:
+    """Return ``8 f'(0) Jbar_1 / (rho d horizon^2)``, with ``Jbar_1`` the ``mean`` of J / s over the unit ball.
 
-    It bounds the exact integrals of any mesh, whatever h. Of several materials the stiffest and the smallest
-    ``density`` count.
+    It bounds ``sup a_l(u, u) / (rho (u, u))`` of the exact integrals, d times sharper than the paper does.
+
+    >>> exact_eigenvalue_bound(slope=1.0, mean=2.0, density=1.0, dim=2, horizon=0.5)
+    32.0
+    """
+    return 8.0 * slope * mean / (density * dim * horizon**2)
+
+
+def closed_form(body: Peridynamics, density: float) -> float:
+    """Return :func:`exact_eigenvalue_bound` of a body: for any mesh, whatever h; infinite in 1D.
+
+    Of several materials the stiffest and the smallest ``density`` count.
     """
     bonds = body.bonds
     mean = as_influence(bonds.influence).mean_inverse_power(1.0, bonds.dim)
-    return 8.0 * max(law.slope for law in body.laws) * mean / (density * bonds.dim * bonds.horizon**2)
+    slope = max(law.slope for law in body.laws)
+    return exact_eigenvalue_bound(slope, mean, density, bonds.dim, bonds.horizon)
 
 
 def nodal_bounds(body: Peridynamics, m: Floats, weights: Sequence[Floats] | None = None) -> tuple[float, float]:
@@ -99,7 +111,7 @@ def nodal_bounds(body: Peridynamics, m: Floats, weights: Sequence[Floats] | None
     ``weights`` are those of another state than rest, none of them negative.
     """
     scale = 1.0 / np.sqrt(m.reshape(-1, body.bonds.dim))
-    held = held_stiffness(body, weights) * scale[:, :, None] * scale[:, None, :]
+    held = vertex_stiffness(body, weights) * scale[:, :, None] * scale[:, None, :]
     trace = float(2.0 * np.trace(held, axis1=1, axis2=2).max())
     if not body.symmetric:
         return trace, trace

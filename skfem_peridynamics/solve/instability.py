@@ -41,9 +41,9 @@ class UnstableRun(RuntimeError):
 
 @dataclass
 class Watch:
-    """Look at the energy balance now and then, and stop the run when it is broken.
+    """Check the energy balance now and then, and stop the run when it is broken.
 
-    ``every`` so many steps (0: never); :meth:`look` looks at once. ``good`` is a copy of the last state that held.
+    ``every`` so many steps (0: never); :meth:`check` does it at once. ``good`` is a copy of the last state that held.
     """
 
     every: int
@@ -52,8 +52,8 @@ class Watch:
     damps: bool = False  # energy may be lost, as by Newmark's method with gamma > 1/2
     good: State | None = None
 
-    def look(self, state: State, energies: Energies | None = None) -> None:
-        """Look at a state, and keep a copy. Raises :class:`UnstableRun`.
+    def check(self, state: State, energies: Energies | None = None) -> None:
+        """Check the balance of a state, and keep a copy. Raises :class:`UnstableRun`.
 
         ``energies`` are those of the state, where they are known.
         """
@@ -124,7 +124,7 @@ class Watch:
         return None
 
     def due(self, step: int, last: bool) -> bool:
-        """Return whether it is time to look."""
+        """Return whether it is time for a check."""
         return self.every > 0 and (step % self.every == 0 or step in _EARLY or last)
 
 

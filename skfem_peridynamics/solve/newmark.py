@@ -11,7 +11,7 @@ import scipy.sparse as sparse
 from .._types import Floats, Load, Longs
 from ..model.breaking import Breaking
 from ..model.peridynamics import Peridynamics
-from ..model.vertex_stiffness import held_by_bonds
+from ..model.vertex_stiffness import vertex_stiffness_scale
 from .cfl import StepLimit
 from .constraints import Prescribed, check_fixed
 from .energy import inner
@@ -95,7 +95,7 @@ def newmark(
             Preconditioner(body.whole, M, free, linear),
             fixed,
             prescribed,
-            held_by_bonds(body.whole),
+            vertex_stiffness_scale(body.whole),
         ),
         *(beta, gamma, tolerance, effort if effort is not None else Effort()),
     )
@@ -260,5 +260,5 @@ def _steps(
         u, b, held = u1, b1, pulled
         now = state()
         if guard.due(count, last=at(ticks) >= end):
-            guard.look(now)
+            guard.check(now)
         yield now

@@ -19,7 +19,7 @@ from scipy.sparse.linalg import LinearOperator
 from .._types import Csr, Floats, Longs
 from ..model.peridynamics import Peridynamics
 from ..model.rigidity import rigid_modes
-from ..model.vertex_stiffness import held_stiffness
+from ..model.vertex_stiffness import vertex_stiffness
 
 NAMES = ("auto", "blocks", "amg", "direct")
 _SLOW = 40  # products of a solve that could be faster
@@ -32,7 +32,7 @@ FACTOR_ENTRIES, LONG_STEP, _BYTES = 2e6, 30.0, 40.0
 
 
 @dataclass(frozen=True, eq=False)
-class Memory:
+class SolverMemory:
     """What a preconditioner has learnt: with it a run that is continued takes the same steps, to the last bit.
 
     ``spent`` is what slow solves have cost, in products; ``tangent`` where it was made of the tangent (None: at rest).
@@ -67,11 +67,11 @@ class Preconditioner:
             self._renew(u)
 
     @property
-    def memory(self) -> Memory:
+    def memory(self) -> SolverMemory:
         """What it has learnt so far."""
-        return Memory(self._spent, self._tangent)
+        return SolverMemory(self._spent, self._tangent)
 
-    def recall(self, memory: Memory | None) -> None:
+    def recall(self, memory: SolverMemory | None) -> None:
         """Go on with what another has learnt of the same body."""
         if memory is None:
             return
@@ -127,7 +127,7 @@ class Preconditioner:
 
     def _diagonal(self) -> Floats:
         if self._held is None:
-            self._held = held_stiffness(self.body, self._weights)
+            self._held = vertex_stiffness(self.body, self._weights)
         return self._held
 
     def _entries(self) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 
 from .._types import Floats, Longs
 from .energy import Energies, inner
-from .preconditioner import Memory
+from .preconditioner import SolverMemory
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class State:
     lag: float = 0.25
     _body: Any = field(repr=False, default=None)
     _mass: Any = field(repr=False, default=None)
-    memory: Memory | None = field(repr=False, default=None)
+    memory: SolverMemory | None = field(repr=False, default=None)
     dissipated: float = 0.0
     broken: tuple[Longs, ...] | None = field(repr=False, default=None)
 
@@ -111,7 +111,7 @@ def load_state(path: str | Path) -> State:
                 stored["broken"] = tuple(np.asarray(file[f"broken_{k}"], dtype=np.int64) for k in range(len(lists)))
             if "spent" in file:
                 tangent = np.asarray(file["tangent"], dtype=float) if "tangent" in file else None
-                stored["memory"] = Memory(int(file["spent"]), tangent)
+                stored["memory"] = SolverMemory(int(file["spent"]), tangent)
     except (KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise ValueError(f"{str(path)!r} is not a state that save_state wrote: {error}") from None
     return State(**stored)
@@ -136,7 +136,7 @@ class Equilibrium:
     initial: float
     _body: Any = field(repr=False, default=None)
     change: Floats | None = field(repr=False, default=None)
-    memory: Memory | None = field(repr=False, default=None)
+    memory: SolverMemory | None = field(repr=False, default=None)
     dissipated: float = 0.0
     broken: tuple[Longs, ...] | None = field(repr=False, default=None)
 

@@ -11,8 +11,8 @@ from scipy.sparse.linalg import LinearOperator, cg
 from .._types import Floats, Load
 from ..model.breaking import Breaking
 from ..model.peridynamics import Peridynamics
-from ..model.rigidity import check_held, check_rigid
-from ..model.vertex_stiffness import held_by_bonds
+from ..model.rigidity import check_rigid, check_supported
+from ..model.vertex_stiffness import vertex_stiffness_scale
 from .constraints import Prescribed, check_fixed
 from .energy import inner
 from .inputs import check_start, checked_load, initial_vector
@@ -77,12 +77,18 @@ def static(
             raise ValueError("a body at rest has no velocity: prescribe the displacement, as a function of t")
     prescribed = check_fixed(fixed, size)
     check_rigid(body.whole)
-    check_held(body.whole, prescribed)
+    check_supported(body.whole, prescribed)
     free = np.setdiff1d(np.arange(size), prescribed)
     u = initial_vector(u0, size, "u0")
     inverse = Preconditioner(body.whole, None, free, linear)
     path = _Path(
-        body, inverse, fixed, load, held_by_bonds(body.whole), tolerance, effort if effort is not None else Effort()
+        body,
+        inverse,
+        fixed,
+        load,
+        vertex_stiffness_scale(body.whole),
+        tolerance,
+        effort if effort is not None else Effort(),
     )
     return _follow(path, u, until / steps, int(steps), start)
 

@@ -13,7 +13,7 @@ from .step_limit import around_the_limit
 from .stiff_race import race
 from .sudden_loads import both_ways, energy_balance
 from .torn_plate import tear
-from .verdicts import Book, Verdict, told
+from .verdicts import Verdict, Verdicts, reported
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Case:
     """What is tried, in one line, and how."""
 
     what: str
-    runs: tuple[Callable[[Book, bool], None], ...]
+    runs: tuple[Callable[[Verdicts, bool], None], ...]
 
 
 CASES: dict[str, Case] = {
@@ -39,16 +39,16 @@ CASES: dict[str, Case] = {
 }
 
 
-def run_cases(names: Sequence[str], quick: bool, tell: Callable[[Verdict], None]) -> Book:
+def run_cases(names: Sequence[str], quick: bool, report: Callable[[Verdict], None]) -> Verdicts:
     """Run some cases; what fails with an exception does not hold, and the next case goes on.
 
-    >>> book = run_cases(["strains"], quick=True, tell=lambda verdict: None)
-    >>> book.holds, len(book.verdicts) > 10
+    >>> verdicts = run_cases(["strains"], quick=True, report=lambda verdict: None)
+    >>> verdicts.holds, len(verdicts.entries) > 10
     (True, True)
     """
-    book = Book(tell)
+    verdicts = Verdicts(report)
     for name in names:
         for one in CASES[name].runs:
-            with told(book, name, one.__name__.replace("_", " "), "runs to its end"):
-                one(book, quick)
-    return book
+            with reported(verdicts, name, one.__name__.replace("_", " "), "runs to its end"):
+                one(verdicts, quick)
+    return verdicts

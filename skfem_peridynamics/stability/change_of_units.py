@@ -15,9 +15,9 @@ from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics
 from ..model.space import vector_basis
 from ..solve.central_difference import central_difference
-from ..solve.cfl import stable_time_step
+from ..solve.cfl import SAFETY, stable_time_step
 from .bodies import ball
-from .verdicts import Book
+from .verdicts import Verdicts
 
 # factors of length, of stress and of time
 SCALES = {
@@ -62,7 +62,7 @@ def _run(body: Peridynamics, M: sparse.csr_matrix, dt: float, steps: int, scales
     return np.asarray(state.u / length)
 
 
-def units(book: Book, quick: bool) -> None:
+def units(verdicts: Verdicts, quick: bool) -> None:
     """A smooth nonlinear run with a load, its step from the limit, in every system of units.
 
     With powers of two the run has the same bits when its step has; the limit itself, from LAPACK and ARPACK, agrees
@@ -72,16 +72,16 @@ def units(book: Book, quick: bool) -> None:
     for dim in (1, 2) if quick else (1, 2, 3):
         for name, rule in (("pairs", PairRule()), ("balls", None)):
             body, M = _body(dim, rule, (1.0, 1.0, 1.0))
-            dt = 0.9 * stable_time_step(body, M).dt
+            dt = SAFETY * stable_time_step(body, M).dt
             plain = _run(body, M, dt, steps, (1.0, 1.0, 1.0))
             size = float(np.abs(plain).max())
             for label, scales in SCALES.items():
                 body, M = _body(dim, rule, scales)
-                error = float(np.abs(_run(body, M, 0.9 * stable_time_step(body, M).dt, steps, scales) - plain).max())
-                book.judge("units", f"{dim}D, {name}, {label}", f"{steps} steps, the same run", error / size, 1e-10)
+                error = float(np.abs(_run(body, M, SAFETY * stable_time_step(body, M).dt, steps, scales) - plain).max())
+                verdicts.add("units", f"{dim}D, {name}, {label}", f"{steps} steps, the same run", error / size, 1e-10)
             for label, scales in POWERS.items():
                 body, M = _body(dim, rule, scales)
                 error = float(np.abs(_run(body, M, scales[2] * dt, steps, scales) - plain).max()) / size
-                book.judge("units", f"{dim}D, {name}, {label}", "the same bits", error, 0.0)
-                ulps = abs(0.9 * stable_time_step(body, M).dt / scales[2] / dt - 1.0) / np.finfo(float).eps
-                book.judge("units", f"{dim}D, {name}, {label}", "the same limit, in units of 2^-52", ulps, ULPS)
+                verdicts.add("units", f"{dim}D, {name}, {label}", "the same bits", error, 0.0)
+                ulps = abs(SAFETY * stable_time_step(body, M).dt / scales[2] / dt - 1.0) / np.finfo(float).eps
+                verdicts.add("units", f"{dim}D, {name}, {label}", "the same limit, in units of 2^-52", ulps, ULPS)

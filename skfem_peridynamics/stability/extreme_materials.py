@@ -21,7 +21,7 @@ from ..solve.central_difference import central_difference
 from ..solve.cfl import stable_time_step
 from ..solve.newmark import newmark
 from .bodies import ball, body_on, exact_limit, stretch
-from .verdicts import Book
+from .verdicts import Verdicts
 
 # A matrix of contrast 1e8 does not know the soft springs that stiff parts hang on better than this: round-off of its
 # stiff entries, 1e-16 * 1e8 * (body / horizon)^2, is 1e-6 to 1e-5 of them, and Newmark's accelerations add it up.
@@ -59,7 +59,7 @@ def newmark_by_dense_algebra(K: Floats, m: Floats, b: Floats, dt: float, steps: 
     return np.asarray(u, dtype=float)
 
 
-def contrasts(book: Book, quick: bool) -> None:
+def contrasts(verdicts: Verdicts, quick: bool) -> None:
     """Newmark's steps against dense algebra, and the explicit limit against the dense spectrum."""
     pairs = [(1e8, 1.0), (1e8, 1e6)] if quick else [(1e8, 1.0), (1.0, 1e6), (1e8, 1e6), (1e8, 1e-6)]
     for dim, n, horizon in ((1, 40, 0.1), (2, 12, 0.25)):
@@ -74,18 +74,18 @@ def contrasts(book: Book, quick: bool) -> None:
                 M = mass_matrix(body.basis, density=both.density_on(mesh))
                 where = f"{dim}D, {kind}, stiffness 1:{stiffness:.0e}, density 1:{density:.0e}"
                 limit, exact = stable_time_step(body, M), exact_limit(body, M)
-                book.judge("contrast", where, "limit over the dense spectrum's", limit.dt / exact, 1.0 + 1e-9, 0.99)
+                verdicts.add("contrast", where, "limit over the dense spectrum's", limit.dt / exact, 1.0 + 1e-9, 0.99)
                 pulled = M.diagonal() * np.cos(np.pi * mesh.p.T).ravel()
                 dt = 10.0 * horizon  # a wave crosses the soft part in some tenths of it
                 u = newmark_by_dense_algebra(body.stiffness().toarray(), M.diagonal(), pulled, dt, 5)
                 for solver in ("auto", "blocks"):
                     *_, state = newmark(body, M, dt=dt, until=5 * dt, load=lambda t, b=pulled: b, linear=solver)  # type: ignore[misc]
                     error = float(np.abs(state.u - u).max() / np.abs(u).max())
-                    book.judge("contrast", f"{where}, {solver}", "5 Newmark steps against dense", error, _KNOWN)
-                    book.judge("contrast", f"{where}, {solver}", "step that was cut to", state.dt / dt, 1.0, 1.0)
+                    verdicts.add("contrast", f"{where}, {solver}", "5 Newmark steps against dense", error, _KNOWN)
+                    verdicts.add("contrast", f"{where}, {solver}", "step that was cut to", state.dt / dt, 1.0, 1.0)
 
 
-def brittle_and_tough(book: Book, quick: bool) -> None:
+def brittle_and_tough(verdicts: Verdicts, quick: bool) -> None:
     """Energies of one displacement by toughness, and runs that stay finite."""
     dim, n, horizon = 2, 10, 0.3
     mesh = unit_box(dim, n, "random")
@@ -108,17 +108,17 @@ def brittle_and_tough(book: Book, quick: bool) -> None:
                     highest = max(highest, state.energies.elastic)
                     finite = finite and bool(np.isfinite(state.a).all())
             store = limit * float(body.bonds.measure().sum())
-            book.judge("brittle", where, f"{steps} steps, finite", float(finite), 1.0, 1.0)
-            book.judge("brittle", where, "elastic energy over what bonds can store", highest / store, 1.0 + 1e-12)
+            verdicts.add("brittle", where, f"{steps} steps, finite", float(finite), 1.0, 1.0)
+            verdicts.add("brittle", where, "elastic energy over what bonds can store", highest / store, 1.0 + 1e-12)
         rise = np.diff(energies)
         linear = body_on(mesh, horizon, Linear(1.0)).energy(u0)
         name = kind.__name__.lower()
-        book.judge("brittle", name, "energy grows with toughness", float(rise.min()), low=0.0)
-        book.judge("brittle", name, "toughest is linear", abs(energies[-1] / linear - 1.0), 1e-12)
-        book.judge("brittle", name, "most brittle stores nothing", energies[0] / linear, 1e-200)
+        verdicts.add("brittle", name, "energy grows with toughness", float(rise.min()), low=0.0)
+        verdicts.add("brittle", name, "toughest is linear", abs(energies[-1] / linear - 1.0), 1e-12)
+        verdicts.add("brittle", name, "most brittle stores nothing", energies[0] / linear, 1e-200)
 
 
-def any_strain(book: Book, quick: bool) -> None:
+def any_strain(verdicts: Verdicts, quick: bool) -> None:
     """Forces and energies of strains from 1e-300 to 1e150, of round-off and of large rigid motions."""
     laws: dict[str, Potential] = {
         "exponential": Exponential(1.0, 1.0),
@@ -152,8 +152,8 @@ def any_strain(book: Book, quick: bool) -> None:
                     moved = float(np.abs(body.force(far)).max()) / (1e6 * float(abs(K).max()))
                     shaken = far * (1.0 + np.finfo(float).eps * rng.integers(-1, 2, len(far)))
                     noise = float(np.abs(body.force(shaken)).max()) / (1e6 * float(abs(K).max()))
-                book.judge("strains", where, "1e-300 to 1e-30: force is the linear one", small, 1e-9)
+                verdicts.add("strains", where, "1e-300 to 1e-30: force is the linear one", small, 1e-9)
                 if np.isfinite(store):
-                    book.judge("strains", where, "1e20 to 1e150: all bonds store f_inf, pull nothing", large, 1e-9)
-                book.judge("strains", where, "no force of a translation by 1e6", moved, 1e-15)
-                book.judge("strains", where, "round-off makes forces of round-off", noise, 1e-14)
+                    verdicts.add("strains", where, "1e20 to 1e150: all bonds store f_inf, pull nothing", large, 1e-9)
+                verdicts.add("strains", where, "no force of a translation by 1e6", moved, 1e-15)
+                verdicts.add("strains", where, "round-off makes forces of round-off", noise, 1e-14)

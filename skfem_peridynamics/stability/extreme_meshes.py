@@ -16,7 +16,7 @@ from ..solve.central_difference import central_difference
 from ..solve.cfl import stable_time_step
 from .bodies import ball, body_on, exact_limit
 from .oracles import energy_of_a_stretch, energy_of_pairs, zero_modes
-from .verdicts import Book
+from .verdicts import Verdicts
 
 _STEPS = 100
 
@@ -49,7 +49,7 @@ def meshes(quick: bool) -> Iterator[tuple[str, Mesh, float]]:
         yield f"{dim}D, graded 1:1e4", box_of_axes(*[axis] * dim), horizon
 
 
-def extreme_geometry(book: Book, quick: bool) -> None:
+def extreme_geometry(verdicts: Verdicts, quick: bool) -> None:
     """Energies against sums over all pairs, rigid motions and no others, the limit against the dense spectrum."""
     for name, mesh, horizon in meshes(quick):
         dim = int(mesh.dim())
@@ -61,26 +61,26 @@ def extreme_geometry(book: Book, quick: bool) -> None:
             u = np.random.default_rng(0).standard_normal(body.basis.N)
             if rule is None:
                 error = abs(body.energy(u) / energy_of_pairs(mesh, horizon, 1.0, u) - 1.0)
-                book.judge("geometry", where, "energy against all pairs", error, 1e-10)
+                verdicts.add("geometry", where, "energy against all pairs", error, 1e-10)
             elif "one element" not in name:
                 # a rule of three nodes is exact for a whole ray, not where J ends within it; corners cost the rest
                 stretch = np.eye(dim)[0][:, None] * mesh.p[0]
                 error = abs(body.energy(stretch.T.ravel()) / energy_of_a_stretch(dim, horizon) - 1.0)
-                book.judge("geometry", where, "energy of a stretch", error, 0.05)
+                verdicts.add("geometry", where, "energy of a stretch", error, 0.05)
             K = body.stiffness().toarray()
             extra = zero_modes(K) - dim * (dim + 1) // 2
-            book.judge("geometry", where, "zero modes that are not rigid", extra, 0, 0)
+            verdicts.add("geometry", where, "zero modes that are not rigid", extra, 0, 0)
             limit, exact = stable_time_step(body, M), exact_limit(body, M)
-            book.judge("geometry", where, "limit over the dense spectrum's", limit.dt / exact, 1.0 + 1e-9, 0.99)
+            verdicts.add("geometry", where, "limit over the dense spectrum's", limit.dt / exact, 1.0 + 1e-9, 0.99)
             dt = 0.95 * exact
             worst = 0.0
             for state in central_difference(body, M, u, dt=dt, until=_STEPS * dt, watch=0):
                 off = state.energies.imbalance - state.ripple + state.initial_ripple
                 worst = max(worst, abs(off) / state.energies.total)
-            book.judge("geometry", where, f"energy error of {_STEPS} steps", worst, 1e-9)
+            verdicts.add("geometry", where, f"energy error of {_STEPS} steps", worst, 1e-9)
 
 
-def refusals(book: Book, quick: bool) -> None:
+def refusals(verdicts: Verdicts, quick: bool) -> None:
     """The three bodies that have no answer are refused, in words that say why."""
     import skfem
 
@@ -107,4 +107,4 @@ def refusals(book: Book, quick: bool) -> None:
                 make()
         except ValueError as error:
             said = str(error)
-        book.judge("geometry", name, f"refused: {words!r}", float(words in said), 1.0, 1.0, said[:100])
+        verdicts.add("geometry", name, f"refused: {words!r}", float(words in said), 1.0, 1.0, said[:100])

@@ -11,7 +11,7 @@ from ..material.potential import Exponential, Linear
 from ..model.mass import mass_matrix
 from ..solve.central_difference import central_difference
 from .bodies import ball, body_on, exact_limit, stretch
-from .verdicts import Book
+from .verdicts import Verdicts
 
 _AXES = ("steps", "energy error")
 _SOFTENING = 0.02  # b r S^2 of the bar near softening, where its standing wave stays smooth
@@ -35,7 +35,7 @@ def slope_and_noise(t: Floats, y: Floats) -> tuple[float, float]:
     return rise, float(np.sqrt((rest @ rest) / (len(m) - 2) / (x @ x)))
 
 
-def a_million_linear_steps(book: Book, quick: bool) -> None:
+def a_million_linear_steps(verdicts: Verdicts, quick: bool) -> None:
     """Energy error bounded and without a trend, momentum exact.
 
     A body that drifts has displacements as large as it has drifted far, and strains have the round-off of these; so the
@@ -62,18 +62,18 @@ def a_million_linear_steps(book: Book, quick: bool) -> None:
                 momentum.append(float(m @ state.v))
         where = f"{count:,} steps, 1D, random, {'drifting' if drifts else 'at rest as a whole'}"
         off = np.abs(np.array(momentum) - momentum[0]).max() / float(m @ np.abs(v))
-        book.judge("long linear", where, "change of momentum", float(off), 1e-12)
+        verdicts.add("long linear", where, "change of momentum", float(off), 1e-12)
         if drifts:
             continue
-        book.judge("long linear", where, "energy error, all modes", float(np.abs(error).max()), 1e-12)
+        verdicts.add("long linear", where, "energy error, all modes", float(np.abs(error).max()), 1e-12)
         rise, noise = slope_and_noise(np.array(t), np.array(error))
         # round-off walks at random: over n steps some eps sqrt(n)
         walk = float(np.finfo(float).eps * np.sqrt(count))
-        book.judge("long linear", where, "trend over its noise", abs(rise) / (3.0 * noise + walk), 1.0)
-        book.draw("long runs", "linear, pairs", np.array(t) / dt, np.abs(error), _AXES, (False, True))
+        verdicts.add("long linear", where, "trend over its noise", abs(rise) / (3.0 * noise + walk), 1.0)
+        verdicts.draw("long runs", "linear, pairs", np.array(t) / dt, np.abs(error), _AXES, (False, True))
 
 
-def near_softening(book: Book, quick: bool) -> None:
+def near_softening(verdicts: Verdicts, quick: bool) -> None:
     """Nonlinear motion at the default part of the limit, with a symmetric rule and a one-sided one."""
     steps, every = (4_000, 10) if quick else (100_000, 100)
     law = Exponential(1.0, 1.0)
@@ -93,14 +93,16 @@ def near_softening(book: Book, quick: bool) -> None:
         rise, noise = slope_and_noise(np.array(t), relative)
         where = f"{steps:,} steps, 1D, {name}"
         if symmetric:
-            book.judge("long nonlinear", where, "rise of the energy over the run", rise - 3.0 * noise, 0.02)
-            book.judge("long nonlinear", where, "largest error of the energy", float(np.abs(relative - 1.0).max()), 0.1)
+            verdicts.add("long nonlinear", where, "rise of the energy over the run", rise - 3.0 * noise, 0.02)
+            verdicts.add(
+                "long nonlinear", where, "largest error of the energy", float(np.abs(relative - 1.0).max()), 0.1
+            )
         else:
             default = 1.0 if BallRule().symmetric else 0.0
-            book.judge(
+            verdicts.add(
                 "long nonlinear", where, "not the default", default, 1.0, 1.0, growth(np.array(t) / dt, relative)
             )
-        book.draw("long runs", f"nonlinear, {name}", np.array(t) / dt, np.abs(relative - 1.0), _AXES, (False, True))
+        verdicts.draw("long runs", f"nonlinear, {name}", np.array(t) / dt, np.abs(relative - 1.0), _AXES, (False, True))
 
 
 def growth(step: Floats, energy: Floats) -> str:

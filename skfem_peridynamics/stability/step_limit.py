@@ -14,7 +14,7 @@ from ..solve.cfl import stable_time_step
 from ..solve.instability import BROKEN_BEYOND, UnstableRun
 from ..solve.newmark import newmark
 from .bodies import ball, body_on, exact_limit, pairs, stretch
-from .verdicts import Book
+from .verdicts import Verdicts
 
 STEPS = 1000
 FACTORS = (0.90, 0.99, 0.999, 1.001, 1.01)
@@ -22,7 +22,7 @@ _SIZE = {1: (40, 0.1), 2: (12, 0.3), 3: (5, 0.5)}  # elements a side, horizon
 _SMALL = 1e-5  # b r S^2: at larger strains a softened body is stable a little above the limit at rest
 
 
-def around_the_limit(book: Book, quick: bool) -> None:
+def around_the_limit(verdicts: Verdicts, quick: bool) -> None:
     """Central difference at five parts of the exact limit, for each rule and mass, mesh and law."""
     for dim in (1, 2) if quick else (1, 2, 3):
         n, horizon = _SIZE[dim]
@@ -58,14 +58,14 @@ def around_the_limit(book: Book, quick: bool) -> None:
                             said = str(error)
                         if factor < 1.0:
                             must = f"{STEPS} steps, energy balance"
-                            book.judge(
+                            verdicts.add(
                                 "limit", f"{where}, {factor}", must, worst if not said else np.inf, BROKEN_BEYOND
                             )
                         else:
                             found = re.search(r"by step (\d+) .*times the stable limit", said)
                             at = int(found.group(1)) if found else np.inf
                             must = "stopped by step, message with step and limit"
-                            book.judge("limit", f"{where}, {factor}", must, at, STEPS)
+                            verdicts.add("limit", f"{where}, {factor}", must, at, STEPS)
             if dim == 1 or not quick:
                 body = body_on(mesh, horizon, Linear(1.0))
                 M = mass_matrix(body.basis)
@@ -73,6 +73,6 @@ def around_the_limit(book: Book, quick: bool) -> None:
                 u0 = np.random.default_rng(0).standard_normal(body.basis.N)
                 totals = [s.energies.total for s in newmark(body, M, u0, dt=dt, until=50 * dt, watch=0)]
                 off = float(np.abs(np.array(totals) / totals[0] - 1.0).max())
-                book.judge(
+                verdicts.add(
                     "limit", f"{dim}D, {kind}, Newmark, 1000", "50 steps, energy of the linear model", off, 1e-10
                 )

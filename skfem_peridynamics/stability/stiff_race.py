@@ -26,7 +26,7 @@ from ..solve.cfl import stable_time_step
 from ..solve.constraints import Prescribed
 from ..solve.newmark import newmark
 from ..solve.static import static
-from .verdicts import Book
+from .verdicts import Verdicts
 
 TARGET = 1e-2  # relative error of the displacement at the end, in the norm of the mass
 _SAFETY, _REFERENCE = 0.95, 0.25  # of the limit
@@ -125,7 +125,7 @@ def _timed(run: Iterator[object]) -> tuple[Floats, float, int]:
     return np.array(state.u), time.perf_counter() - begin, count - 1  # type: ignore[attr-defined]
 
 
-def race(book: Book, quick: bool) -> None:
+def race(verdicts: Verdicts, quick: bool) -> None:
     """Error and seconds of each method; the reference is the explicit one at a quarter of its limit."""
     for scene in scenes(quick):
         body, M, until = scene.body, scene.M, scene.until
@@ -152,21 +152,21 @@ def race(book: Book, quick: bool) -> None:
         if scene.statics:
             u, seconds, _ = _timed(static(body, steps=1, **given))
             runs["statics"] = [(error(u), seconds, "one step")]
-        told, best = [], (np.inf, "nobody")
+        outcomes, best = [], (np.inf, "nobody")
         for name, rows in runs.items():
             good = [row for row in rows if row[0] <= TARGET]
             if good:
                 off, seconds, how = min(good, key=lambda row: row[1])
-                told.append(f"{name} {seconds:.3g} s ({how}, error {off:.1e})")
+                outcomes.append(f"{name} {seconds:.3g} s ({how}, error {off:.1e})")
                 best = min(best, (seconds, name))
             else:
                 off, seconds, how = min(rows)
-                told.append(f"{name} not (at best error {off:.1e}, {seconds:.3g} s, {how})")
+                outcomes.append(f"{name} not (at best error {off:.1e}, {seconds:.3g} s, {how})")
             x, y = [row[1] for row in rows], [max(row[0], 1e-12) for row in rows]
             axes = ("seconds", "relative error of u")
-            book.draw("race", f"{scene.name}, {name}", x, y, axes, (True, True))
+            verdicts.draw("race", f"{scene.name}, {name}", x, y, axes, (True, True))
         least = min(row[0] for rows in runs.values() for row in rows)
-        note = f"first {best[1]}: {'; '.join(told)}"
-        book.judge(
+        note = f"first {best[1]}: {'; '.join(outcomes)}"
+        verdicts.add(
             "race", f"{scene.name}, {body.basis.N} unknowns", "some method reaches 1 %", least, TARGET, note=note
         )

@@ -14,12 +14,11 @@ from ..geometry.boxes import unit_box
 from ..material.potential import Exponential
 from ..model.mass import mass_matrix
 from ..solve.central_difference import central_difference
-from ..solve.cfl import stable_time_step
+from ..solve.cfl import SAFETY, stable_time_step
 from ..solve.newmark import newmark
 from .bodies import body_on, stretch
-from .verdicts import Book
+from .verdicts import Verdicts
 
-DEFAULT = 0.9  # of the limit
 _ALLOWED = 5e-3  # of the peak energy
 
 
@@ -55,7 +54,7 @@ def bodies(quick: bool) -> Iterator[tuple[str, int, int, float, float]]:
     yield "unloading of softened bonds", 2, 24, 0.15, 0.2  # more would tear the square
 
 
-def energy_balance(book: Book, quick: bool) -> None:
+def energy_balance(verdicts: Verdicts, quick: bool) -> None:
     """Kinetic plus elastic energy minus work, at most, over the peak energy; halved steps show the order."""
     for name, dim, n, horizon, strength in bodies(quick):
         mesh = unit_box(dim, n)
@@ -69,26 +68,26 @@ def energy_balance(book: Book, quick: bool) -> None:
         parts, off, largest = (1, 2, 4), [], 0.0
         for part in parts:
             peak = worst = 0.0
-            dt = limit.step_for(until, DEFAULT) / part
+            dt = limit.step_for(until) / part
             for state in central_difference(body, M, dt=dt, until=until, load=load, limit=limit):
                 peak, worst = max(peak, state.energies.total), max(worst, abs(state.energies.imbalance))
                 if part == 1 and state.step % 10 == 0:
                     largest = max(largest, census(body, state.u).Z)
             off.append(worst / peak)
         where = f"{dim}D, {name}"
-        book.judge("loads", where, f"energy balance at {DEFAULT:g} of the limit", off[0], _ALLOWED)
-        book.judge("loads", where, "order in dt", float(np.log2(off[1] / off[2])), 2.3, 1.8)
+        verdicts.add("loads", where, f"energy balance at {SAFETY:g} of the limit", off[0], _ALLOWED)
+        verdicts.add("loads", where, "order in dt", float(np.log2(off[1] / off[2])), 2.3, 1.8)
         if "softened" in name:
-            book.judge("loads", where, "largest strain over the critical one", largest, low=1.0)
-        dts = [DEFAULT / part for part in parts]
-        book.draw("energy balance", where, dts, off, ("dt / limit", "energy error / peak"), (True, True))
+            verdicts.add("loads", where, "largest strain over the critical one", largest, low=1.0)
+        dts = [SAFETY / part for part in parts]
+        verdicts.draw("energy balance", where, dts, off, ("dt / limit", "energy error / peak"), (True, True))
 
 
 def _pull(course: Callable[[float], float], until: float, b: Floats, t: float) -> Floats:
     return course(t / until) * b
 
 
-def both_ways(book: Book, quick: bool) -> None:
+def both_ways(verdicts: Verdicts, quick: bool) -> None:
     """Explicit and implicit steps come to the same motion, each with its order."""
     for dim, n, horizon in ((1, 40, 0.1),) if quick else ((1, 40, 0.1), (2, 12, 0.25)):
         mesh = unit_box(dim, n, "random")
@@ -104,9 +103,9 @@ def both_ways(book: Book, quick: bool) -> None:
                 runs.append(state.u.copy())
             changes = [float(np.abs(a - b).max()) for a, b in pairwise(runs)]
             order = float(np.log2(changes[-2] / changes[-1]))
-            book.judge("both ways", f"{dim}D, {name}", "order in dt", order, 2.2, 1.8)
+            verdicts.add("both ways", f"{dim}D, {name}", "order in dt", order, 2.2, 1.8)
             ends[name] = runs[-1] + (runs[-1] - runs[-2]) / 3.0  # if changes go on to fall by four
             axes = ("dt / limit", "change of u when dt is halved")
-            book.draw("orders", f"{dim}D, {name}", [0.25, 0.125, 0.0625], changes, axes, (True, True))
+            verdicts.draw("orders", f"{dim}D, {name}", [0.25, 0.125, 0.0625], changes, axes, (True, True))
         gap = float(np.abs(ends["explicit"] - ends["implicit"]).max() / np.abs(u0).max())
-        book.judge("both ways", f"{dim}D", "difference as dt -> 0", gap, 5e-6)  # 1.4e-6 seen
+        verdicts.add("both ways", f"{dim}D", "difference as dt -> 0", gap, 5e-6)  # 1.4e-6 seen

@@ -16,12 +16,12 @@ from ..model.space import vector_basis
 from ..solve.constraints import Prescribed
 from ..solve.newton import Effort
 from ..solve.static import static
-from .verdicts import Book
+from .verdicts import Verdicts
 
 _TOUGHNESS, _PER_HORIZON = 1e-4, 4
 
 
-def tear(book: Book, quick: bool) -> None:
+def tear(verdicts: Verdicts, quick: bool) -> None:
     """Pull the ends of the slit apart until nothing is left of the plate; count the energy of softened bonds."""
     import skfem
 
@@ -58,13 +58,13 @@ def tear(book: Book, quick: bool) -> None:
         jumps = -lost[-1] / (new * _TOUGHNESS)
         note = f"{effort.iterations} iterations, {effort.products} products, {jumps:.2f} lost in jumps"
         label = where.replace(",", ":")
-        book.judge(
+        verdicts.add(
             "tear", where, "energy of softened bonds over G_c length", spent[-1] / (new * _TOUGHNESS), 1.05, 0.95, note
         )
-        book.judge("tear", where, "energy left in other bonds", stored[-1] / spent[-1], 1e-9)
-        book.judge("tear", where, "force at the end over the largest", abs(pull[-1]) / pull.max(), 1e-6)
-        book.draw("tear", label, apart, pull, ("opening", "force"))
-        book.draw(
+        verdicts.add("tear", where, "energy left in other bonds", stored[-1] / spent[-1], 1e-9)
+        verdicts.add("tear", where, "force at the end over the largest", abs(pull[-1]) / pull.max(), 1e-6)
+        verdicts.draw("tear", label, apart, pull, ("opening", "force"))
+        verdicts.draw(
             "torn energy",
             label,
             apart,

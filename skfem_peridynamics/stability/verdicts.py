@@ -47,15 +47,15 @@ class Curve:
 
 
 @dataclass
-class Book:
+class Verdicts:
     """Collects verdicts and curves; tells each verdict as it comes."""
 
-    tell: Callable[[Verdict], None] = lambda verdict: None
-    verdicts: list[Verdict] = field(default_factory=list)
+    report: Callable[[Verdict], None] = lambda verdict: None
+    entries: list[Verdict] = field(default_factory=list)
     curves: list[Curve] = field(default_factory=list)
     _begin: float = field(default_factory=time.perf_counter, repr=False)
 
-    def judge(
+    def add(
         self,
         case: str,
         setting: str,
@@ -69,8 +69,8 @@ class Book:
         now = time.perf_counter()
         verdict = Verdict(case, setting, must, float(figure), low, high, now - self._begin, note)
         self._begin = now
-        self.verdicts.append(verdict)
-        self.tell(verdict)
+        self.entries.append(verdict)
+        self.report(verdict)
         return verdict.holds
 
     def draw(
@@ -87,13 +87,13 @@ class Book:
 
     @property
     def holds(self) -> bool:
-        return all(verdict.holds for verdict in self.verdicts)
+        return all(verdict.holds for verdict in self.entries)
 
 
 @contextmanager
-def told(book: Book, case: str, setting: str, must: str) -> Iterator[None]:
+def reported(verdicts: Verdicts, case: str, setting: str, must: str) -> Iterator[None]:
     """Turn an exception of a case into a verdict that does not hold."""
     try:
         yield
     except Exception as error:
-        book.judge(case, setting, must, float("nan"), 0.0, 0.0, f"{type(error).__name__}: {error}")
+        verdicts.add(case, setting, must, float("nan"), 0.0, 0.0, f"{type(error).__name__}: {error}")

@@ -11,7 +11,7 @@ import numpy as np
 from ..bonds.ball_rule import BallRule
 from ..bonds.pair_rule import PairRule
 from ..geometry.boxes import unit_box
-from ..model.discretisation import CLASSICAL, Scheme
+from ..model.discretisation import CLASSICAL, Discretisation
 from .known_motion import Motion, law_of
 from .manufactured import Manufactured
 from .measure import TIME_SHARE, Row, measure, time_constant
@@ -22,25 +22,25 @@ Report = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Entrant:
+class Contestant:
     """A scheme in a study: a family of rules, one for each number of vertices per horizon, and the sizes it runs at."""
 
-    make: Callable[[float], Scheme]
+    make: Callable[[float], Discretisation]
     name: str
     largest: float = np.inf  # vertices per horizon up to which it runs
     claims: bool = True  # to converge with h^2 at a fixed horizon, on a regular mesh
 
 
-def fixed(scheme: Scheme, largest: float = np.inf, claims: bool = False) -> Entrant:
+def fixed(scheme: Discretisation, largest: float = np.inf, claims: bool = False) -> Contestant:
     """One rule at every size."""
-    return Entrant(lambda per_horizon: scheme, scheme.name, largest, claims)
+    return Contestant(lambda per_horizon: scheme, scheme.name, largest, claims)
 
 
-def entrants(dim: int, quick: bool) -> list[Entrant]:
+def contestants(dim: int, quick: bool) -> list[Contestant]:
     """Return the schemes of a dimension. Those that grow with the mesh claim to converge; fixed balls do not."""
-    balanced = Scheme(PairRule(), balanced=True)
+    balanced = Discretisation(PairRule(), balanced=True)
     pairs = [fixed(CLASSICAL, claims=True), fixed(balanced, {1: np.inf, 2: 8.1, 3: 3.1}[dim], claims=True)]
-    gauss = fixed(Scheme(PairRule(points="gauss")), 64.5 if dim == 1 else 6.1 if dim == 2 else 2.1, claims=True)
+    gauss = fixed(Discretisation(PairRule(points="gauss")), 64.5 if dim == 1 else 6.1 if dim == 2 else 2.1, claims=True)
     if dim == 1:
 
         def grown(**options: Any) -> Callable[[float], BallRule]:
@@ -50,50 +50,57 @@ def entrants(dim: int, quick: bool) -> list[Entrant]:
         return [
             *pairs,
             gauss,
-            Entrant(lambda m: Scheme(ball(m), balanced=True), "ball 4 eps/h, balanced; consistent mass"),
-            Entrant(
-                lambda m: Scheme(grown(symmetric=False)(m)), "ball 4 eps/h, one-sided; consistent mass", claims=False
+            Contestant(lambda m: Discretisation(ball(m), balanced=True), "ball 4 eps/h, balanced; consistent mass"),
+            Contestant(
+                lambda m: Discretisation(grown(symmetric=False)(m)),
+                "ball 4 eps/h, one-sided; consistent mass",
+                claims=False,
             ),
-            Entrant(lambda m: Scheme(ball(m), mass="lumped"), "ball 4 eps/h; lumped mass"),
-            Entrant(lambda m: Scheme(strong(m)), "ball 4 eps/h, strong form; lumped mass", claims=False),
-            fixed(Scheme(BallRule(3, 1))),
-            fixed(Scheme(BallRule(3, 1), balanced=True)),
-            fixed(Scheme(BallRule(3, 1, "vertices"), balanced=True)),
-            fixed(Scheme(BallRule(3, 1, symmetric=False))),
+            Contestant(lambda m: Discretisation(ball(m), mass="lumped"), "ball 4 eps/h; lumped mass"),
+            Contestant(lambda m: Discretisation(strong(m)), "ball 4 eps/h, strong form; lumped mass", claims=False),
+            fixed(Discretisation(BallRule(3, 1))),
+            fixed(Discretisation(BallRule(3, 1), balanced=True)),
+            fixed(Discretisation(BallRule(3, 1, "vertices"), balanced=True)),
+            fixed(Discretisation(BallRule(3, 1, symmetric=False))),
         ]
     if dim == 2:
         some = [
             *pairs,
             gauss,
-            fixed(Scheme(BallRule(3, 8)), 8.1),
-            fixed(Scheme(BallRule(3, 8), balanced=True), 8.1),
-            fixed(Scheme(BallRule(3, 8, symmetric=False)), 8.1),
-            fixed(Scheme(BallRule(3, 8, "vertices"), balanced=True), 8.1),
-            fixed(Scheme(BallRule(4, 12, "vertices", symmetric=False)), 8.1),
+            fixed(Discretisation(BallRule(3, 8)), 8.1),
+            fixed(Discretisation(BallRule(3, 8), balanced=True), 8.1),
+            fixed(Discretisation(BallRule(3, 8, symmetric=False)), 8.1),
+            fixed(Discretisation(BallRule(3, 8, "vertices"), balanced=True), 8.1),
+            fixed(Discretisation(BallRule(4, 12, "vertices", symmetric=False)), 8.1),
         ]
         if quick:
             return some
         return [
             *some,
-            fixed(Scheme(BallRule(3, 8), mass="lumped"), 8.1),
-            fixed(Scheme(BallRule(4, 12), balanced=True), 6.1),
-            fixed(Scheme(BallRule(5, 16), balanced=True), 8.1),
-            fixed(Scheme(BallRule(5, 16, symmetric=False)), 8.1),
+            fixed(Discretisation(BallRule(3, 8), mass="lumped"), 8.1),
+            fixed(Discretisation(BallRule(4, 12), balanced=True), 6.1),
+            fixed(Discretisation(BallRule(5, 16), balanced=True), 8.1),
+            fixed(Discretisation(BallRule(5, 16, symmetric=False)), 8.1),
         ]
     if quick:  # balancing a ball in 3D takes a minute
-        return [pairs[0], gauss, fixed(Scheme(BallRule(2, 13))), fixed(Scheme(BallRule(2, 13, symmetric=False)))]
+        return [
+            pairs[0],
+            gauss,
+            fixed(Discretisation(BallRule(2, 13))),
+            fixed(Discretisation(BallRule(2, 13, symmetric=False))),
+        ]
     return [
         *pairs,
         gauss,
-        fixed(Scheme(BallRule(2, 13)), 3.1),
-        fixed(Scheme(BallRule(2, 13), balanced=True), 2.1),
-        fixed(Scheme(BallRule(2, 13, symmetric=False)), 3.1),
-        fixed(Scheme(BallRule(2, 13, "vertices"), balanced=True), 4.1),
+        fixed(Discretisation(BallRule(2, 13)), 3.1),
+        fixed(Discretisation(BallRule(2, 13), balanced=True), 2.1),
+        fixed(Discretisation(BallRule(2, 13, symmetric=False)), 3.1),
+        fixed(Discretisation(BallRule(2, 13, "vertices"), balanced=True), 4.1),
     ]
 
 
 @dataclass(frozen=True)
-class Race:
+class Comparison:
     """Schemes against each other on one motion."""
 
     motion: Callable[[], Motion]
@@ -106,14 +113,14 @@ class Race:
         motion = self.motion()
         constant = time_constant(motion)
         for kind in self.kinds[:2] if quick else self.kinds:
-            for entrant in entrants(motion.dim, quick):
+            for contestant in contestants(motion.dim, quick):
                 for n in self.quick_sizes if quick else self.sizes:
                     per_horizon = n * motion.horizon
-                    if per_horizon > entrant.largest:
+                    if per_horizon > contestant.largest:
                         continue
-                    scheme = entrant.make(per_horizon)
+                    scheme = contestant.make(per_horizon)
                     mesh = unit_box(motion.dim, n, kind)
-                    row = measure(motion, name, kind, mesh, n, scheme, constant, entrant.name, self.share)
+                    row = measure(motion, name, kind, mesh, n, scheme, constant, contestant.name, self.share)
                     report(
                         f"{kind}, {row.scheme}, eps/h = {per_horizon:.3g}: error {row.error_l2:.2e}, set-up "
                         f"{row.seconds_setup:.3g} s, {row.steps} steps {row.seconds_steps:.3g} s"
@@ -122,61 +129,63 @@ class Race:
 
 
 @dataclass(frozen=True)
-class Named:
+class Study:
     """A study: what it is in one line, and how it runs."""
 
     what: str
-    race: Race | None = None
+    comparison: Comparison | None = None
 
 
 def _smooth(dim: int, horizon: float, boundary: str | None = None, **options: Any) -> Callable[[], Motion]:
     return lambda: Manufactured(dim, horizon, law_of(dim, horizon), boundary, **options)
 
 
-STUDIES: dict[str, Named] = {
-    "smooth-1d": Named(
+STUDIES: dict[str, Study] = {
+    "smooth-1d": Study(
         "manufactured motion, nonlinear law, free boundary, 1D",
-        Race(_smooth(1, 0.2, table=14), (20, 40, 80, 160), (20, 40, 80), share=0.03),
+        Comparison(_smooth(1, 0.2, table=14), (20, 40, 80, 160), (20, 40, 80), share=0.03),
     ),
-    "smooth-2d": Named(
+    "smooth-2d": Study(
         "manufactured motion, nonlinear law, free boundary, 2D",
-        Race(_smooth(2, 0.125, table=12), (16, 32, 48, 64, 128), (16, 24)),
+        Comparison(_smooth(2, 0.125, table=12), (16, 32, 48, 64, 128), (16, 24)),
     ),
-    "smooth-3d": Named(
+    "smooth-3d": Study(
         "manufactured motion, nonlinear law, free boundary, 3D",
-        Race(_smooth(3, 0.25, order=6, table=6), (8, 12, 16), (6, 8), ("regular", "random")),
+        Comparison(_smooth(3, 0.25, order=6, table=6), (8, 12, 16), (6, 8), ("regular", "random")),
     ),
-    "layer-1d": Named(
+    "layer-1d": Study(
         "the same with the paper's boundary function, 1D",
-        Race(_smooth(1, 0.2, "smooth", table=14), (40, 80, 160, 320), (40, 80, 160), share=0.03),
+        Comparison(_smooth(1, 0.2, "smooth", table=14), (40, 80, 160, 320), (40, 80, 160), share=0.03),
     ),
-    "layer-2d": Named(
+    "layer-2d": Study(
         "the same with the paper's boundary function, 2D",
-        Race(_smooth(2, 0.125, "smooth", table=14), (16, 24, 32, 48), (16, 24), ("regular", "random")),
+        Comparison(_smooth(2, 0.125, "smooth", table=14), (16, 24, 32, 48), (16, 24), ("regular", "random")),
     ),
-    "layer-3d": Named(
+    "layer-3d": Study(
         "the same with the paper's boundary function, 3D",
-        Race(_smooth(3, 0.25, "smooth", order=5, table=5), (8, 12), (6, 8), ("regular",)),
+        Comparison(_smooth(3, 0.25, "smooth", order=5, table=5), (8, 12), (6, 8), ("regular",)),
     ),
-    "waves-1d": Named(
+    "waves-1d": Study(
         "linear standing waves, exact by the dispersion relation, 1D",
-        Race(lambda: StandingWave(1, 0.08, law_of(1, 0.08, True), 0.4), (25, 50, 100, 200), (25, 50, 100), share=0.03),
+        Comparison(
+            lambda: StandingWave(1, 0.08, law_of(1, 0.08, True), 0.4), (25, 50, 100, 200), (25, 50, 100), share=0.03
+        ),
     ),
-    "waves-2d": Named(
+    "waves-2d": Study(
         "linear standing shear waves, exact by the dispersion relation, 2D",
-        Race(lambda: StandingWave(2, 0.1, law_of(2, 0.1, True), 0.5, "S"), (20, 30, 40, 60), (20, 30)),
+        Comparison(lambda: StandingWave(2, 0.1, law_of(2, 0.1, True), 0.5, "S"), (20, 30, 40, 60), (20, 30)),
     ),
-    "local-2d": Named("eps -> 0 at fixed eps/h against scikit-fem's local elasticity, 2D"),
-    "theorems": Named("the paper's estimates, their constants, and what is measured beside them"),
+    "local-2d": Study("eps -> 0 at fixed eps/h against scikit-fem's local elasticity, 2D"),
+    "theorems": Study("the paper's estimates, their constants, and what is measured beside them"),
 }
 
 
 def run_study(name: str, quick: bool, report: Report, keep: Callable[[Result], None] | None = None) -> Result:
     """Run a study by its name; ``keep`` gets the rows so far. Raises ``KeyError`` for another name."""
-    named = STUDIES[name]
-    result = Result(name, named.what, quick)
-    if named.race is not None:
-        for row in named.race.run(name, quick, report):
+    study = STUDIES[name]
+    result = Result(name, study.what, quick)
+    if study.comparison is not None:
+        for row in study.comparison.run(name, quick, report):
             result.rows.append(row)
             if keep is not None:
                 keep(result)

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,24 +14,28 @@ from .._types import Mesh
 from ..bonds.ball_rule import BallRule
 from ..bonds.pair_rule import PairRule
 from ..geometry.simplices import vertex_volumes
-from ..model.discretisation import CLASSICAL, Scheme
+from ..material.influence import Influence
+from ..model.discretisation import CLASSICAL, Discretisation
+from ..solve.cfl import exact_eigenvalue_bound
 
-if TYPE_CHECKING:
-    pass
-
-BALANCED_PAIRS = Scheme(PairRule(), balanced=True)
-CANDIDATES: dict[int, tuple[Scheme, ...]] = {
-    1: (CLASSICAL, BALANCED_PAIRS, Scheme(PairRule(points="gauss")), Scheme(BallRule(3, 1), balanced=True)),
+BALANCED_PAIRS = Discretisation(PairRule(), balanced=True)
+CANDIDATES: dict[int, tuple[Discretisation, ...]] = {
+    1: (
+        CLASSICAL,
+        BALANCED_PAIRS,
+        Discretisation(PairRule(points="gauss")),
+        Discretisation(BallRule(3, 1), balanced=True),
+    ),
     2: (
         CLASSICAL,
         BALANCED_PAIRS,
-        Scheme(PairRule(points="gauss")),
-        Scheme(BallRule(3, 8)),
-        Scheme(BallRule(3, 8), balanced=True),
-        Scheme(BallRule(4, 12), balanced=True),
-        Scheme(BallRule(5, 16), balanced=True),
+        Discretisation(PairRule(points="gauss")),
+        Discretisation(BallRule(3, 8)),
+        Discretisation(BallRule(3, 8), balanced=True),
+        Discretisation(BallRule(4, 12), balanced=True),
+        Discretisation(BallRule(5, 16), balanced=True),
     ),
-    3: (CLASSICAL, BALANCED_PAIRS, Scheme(BallRule(2, 13)), Scheme(BallRule(2, 13), balanced=True)),
+    3: (CLASSICAL, BALANCED_PAIRS, Discretisation(BallRule(2, 13)), Discretisation(BallRule(2, 13), balanced=True)),
 }
 DEFAULT_TOLERANCE = 1e-2
 _IRREGULAR = 0.05  # relative spread of the volumes of inner vertices; 0 on a lattice, 0.2 on a random mesh
@@ -56,7 +59,7 @@ class Measured:
 class Choice:
     """A scheme and why it was chosen, in a sentence."""
 
-    scheme: Scheme
+    scheme: Discretisation
     why: str
     predicted: float | None = None
 
@@ -130,7 +133,7 @@ def choose(
         return Choice(scheme, f"{scheme.name}: bonds may break, and of all rules vertex pairs cost G_c, on {kind} mesh")
     wanted = DEFAULT_TOLERANCE if tolerance is None else tolerance
     lines = [x for x in measured or table() if x.dim == dim and (x.mesh != "regular") == irregular]
-    found: list[tuple[float, float, Scheme]] = []
+    found: list[tuple[float, float, Discretisation]] = []
     for scheme in CANDIDATES[dim]:
         mine = sorted((x for x in lines if x.scheme == scheme.name), key=lambda x: x.per_horizon)
         if not mine or (scheme.balanced and m < 0.9 * mine[0].per_horizon):
@@ -146,6 +149,23 @@ def choose(
         return Choice(scheme, f"{scheme.name}: the cheapest that is to meet {wanted:g} ({error:.1e}) at {at}", error)
     error, _, scheme = min(found, key=lambda x: x[0])
     return Choice(scheme, f"{scheme.name}: none is to meet {wanted:g} at {at}; this comes closest ({error:.1e})", error)
+
+
+def expected_steps(
+    until: float, slope: float, density: float, dim: int, horizon: float, influence: Influence, part: float
+) -> float:
+    """Return about how many steps of ``part`` of the stable limit a run takes, before there are bonds.
+
+    The limit is that of the exact integrals; in 1D, where they have none, half the time that a wave takes across the
+    horizon is about it.
+
+    >>> from skfem_peridynamics import constant
+    >>> round(expected_steps(until=1.0, slope=1.0, density=1.0, dim=1, horizon=0.1, influence=constant, part=1.0), 6)
+    28.284271
+    """
+    mean = influence.mean_inverse_power(1.0, dim)
+    lam = exact_eigenvalue_bound(slope, mean if np.isfinite(mean) else 4.0, density, dim, horizon)
+    return float(until / (part * 2.0 / np.sqrt(lam)))
 
 
 def _at(lines: Sequence[Measured], name: str, m: float) -> float:

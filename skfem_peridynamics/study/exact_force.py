@@ -23,7 +23,7 @@ _PARTS = tuple(0.5**k for k in range(6))  # of the horizon: rays along a side do
 
 
 @dataclass(frozen=True)
-class Rays:
+class Directions:
     """Directions from points of the unit box: number of the point, unit vector, angular weight, reach; by ray."""
 
     point: Longs
@@ -32,7 +32,7 @@ class Rays:
     reach: Floats
 
 
-def rays(points: Floats, horizon: float, order: int) -> Iterator[Rays]:
+def rays(points: Floats, horizon: float, order: int) -> Iterator[Directions]:
     """Yield the rays of points (n, dim), ``order`` Gauss nodes between two kinks."""
     dim = points.shape[1]
     per_point = {1: 2, 2: 12 * order, 3: 200 * order**2}[dim] * order
@@ -51,7 +51,7 @@ def rays(points: Floats, horizon: float, order: int) -> Iterator[Rays]:
         side = np.where(e > 0.0, gaps[point, :, 1], gaps[point, :, 0])
         with np.errstate(divide="ignore", over="ignore"):
             reach = np.minimum(horizon, (side / np.abs(e)).min(axis=1))
-        yield Rays(point + low, e, weight, reach)
+        yield Directions(point + low, e, weight, reach)
 
 
 def _between(breaks: Floats, order: int) -> tuple[Longs, Floats, Floats]:
@@ -87,7 +87,7 @@ def _around(gaps: Floats, radius: Floats, order: int) -> tuple[Longs, Floats, Fl
 
 
 def _over_sphere(gaps: Floats, horizon: float, order: int) -> tuple[Longs, Floats, Floats]:
-    """Directions about points in a cube: circles of latitude, each cut by the sides as a circle in a square is."""
+    """Rays about points in a cube: circles of latitude, each cut by the sides as a circle in a square is."""
     n = len(gaps)
     flat = [gaps[:, axis, side] for axis in (0, 1) for side in (0, 1)]
     flat += [np.hypot(gaps[:, 0, i], gaps[:, 1, j]) for i in (0, 1) for j in (0, 1)]
@@ -108,7 +108,9 @@ def _over_sphere(gaps: Floats, horizon: float, order: int) -> tuple[Longs, Float
     return np.concatenate(point), np.concatenate(e), np.concatenate(weight)
 
 
-def _along(some: Rays, points: Floats, layer: float | None, order: int) -> Iterator[tuple[Any, Floats, Floats]]:
+def _along(
+    directions: Directions, points: Floats, layer: float | None, order: int
+) -> Iterator[tuple[Any, Floats, Floats]]:
     """Radial nodes: number of the ray, distance, weight.
 
     Where there is a boundary function its third derivative jumps at depth ``layer``: rays are split there.
@@ -116,13 +118,13 @@ def _along(some: Rays, points: Floats, layer: float | None, order: int) -> Itera
     if layer is None:
         nodes, weights = np.polynomial.legendre.leggauss(order)
         for s, ws in zip(0.5 * (nodes + 1.0), 0.5 * weights, strict=True):
-            yield slice(None), some.reach * s, some.reach * ws
+            yield slice(None), directions.reach * s, directions.reach * ws
         return
-    breaks = [np.zeros(len(some.e)), some.reach]
+    breaks = [np.zeros(len(directions.e)), directions.reach]
     for plane in (layer, 1.0 - layer):
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            crossing = (plane - points[some.point]) / some.e
-        inside = (crossing > 0.0) & (crossing < some.reach[:, None])
+            crossing = (plane - points[directions.point]) / directions.e
+        inside = (crossing > 0.0) & (crossing < directions.reach[:, None])
         breaks += list(np.where(inside, crossing, 0.0).T)
     yield _between(np.stack(breaks, axis=1), order)
 

@@ -14,17 +14,16 @@ from .._clock import Clock
 from .._types import Basis, Load, Mesh
 from ..bonds.bond_basis import BondBasis
 from ..geometry.boxes import unit_box
-from ..model.discretisation import CLASSICAL, Scheme
+from ..model.discretisation import CLASSICAL, Discretisation
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics
 from ..model.space import vector_basis
 from ..solve.central_difference import central_difference
-from ..solve.cfl import StepLimit, stable_time_step
+from ..solve.cfl import SAFETY, StepLimit, stable_time_step
 from ..solve.constraints import Prescribed
 from .known_motion import Motion
 
 _FARTHEST = 8.0  # how far below the smallest error of its runs seconds are extrapolated
-SAFETY = 0.9  # of the stable limit
 TIME_SHARE = 0.3  # of the error that the time step may make; a run that finds more is repeated with a smaller step
 
 
@@ -99,7 +98,7 @@ class Setup:
         return state, float(np.median(taken[1:])) * steps, steps
 
 
-def prepare(problem: Motion, mesh: Mesh, scheme: Scheme, **options: Any) -> Setup:
+def prepare(problem: Motion, mesh: Mesh, scheme: Discretisation, **options: Any) -> Setup:
     """Make bonds, body, mass, step limit and load of a scheme; the load is not counted in its seconds."""
     clock = Clock()
     with clock.phase("setup"):
@@ -138,7 +137,7 @@ def measure(
     kind: str,
     mesh: Mesh,
     n: int,
-    scheme: Scheme,
+    scheme: Discretisation,
     constant: float,
     label: str | None = None,
     share: float = TIME_SHARE,

@@ -14,7 +14,7 @@ from ..bonds.bond_basis import BondBasis
 from ..bonds.pair_rule import PairRule
 from ..bonds.rule import Rule
 from ..geometry.boxes import unit_box
-from ..model.discretisation import CLASSICAL, Scheme
+from ..model.discretisation import CLASSICAL, Discretisation
 from ..model.mass import mass_matrix
 from ..model.peridynamics import Peridynamics
 from ..model.space import vector_basis
@@ -84,7 +84,7 @@ def convergence_table(quick: bool = False) -> Table:
         motion = Manufactured(dim, horizon, law, until=T, order=order, table=table)
         constants = convergence_constants(motion)
         mesh = unit_box(dim, n)
-        setup = prepare(motion, mesh, Scheme(BallRule(3, 8) if dim == 2 else BallRule(2, 13)))
+        setup = prepare(motion, mesh, Discretisation(BallRule(3, 8) if dim == 2 else BallRule(2, 13)))
         dt, norm = T / 8, motion.l2_norm
         before: list[Floats] = []
         errors: list[float] = []
@@ -254,7 +254,7 @@ def horizon_table(quick: bool = False) -> Table:
         motion = Manufactured(1, horizon, law_of(1, horizon), table=14)
         constant = time_constant(motion)
         found = []
-        for scheme in (Scheme(BallRule(round(4 * n * horizon), 1), balanced=True), CLASSICAL):
+        for scheme in (Discretisation(BallRule(round(4 * n * horizon), 1), balanced=True), CLASSICAL):
             row = measure(motion, "", "regular", unit_box(1, n), n, scheme, constant)
             found.append((row.error_l2, row.error_h1))
         errors.append(found)

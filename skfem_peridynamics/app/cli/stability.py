@@ -23,7 +23,7 @@ def stability(arguments: argparse.Namespace) -> int:
     make_folder(arguments.out)
     shown: list[str] = []
 
-    def tell(verdict: Any) -> None:
+    def report(verdict: Any) -> None:
         if arguments.quiet:
             return
         if verdict.case not in shown:
@@ -35,11 +35,10 @@ def stability(arguments: argparse.Namespace) -> int:
         elif verdict.note:
             print(f"  {verdict.setting}: {verdict.note}", flush=True)
 
-    book = run_cases(names, arguments.quick, tell)
-    files = write_report(arguments.out, book, arguments.quick, plot.available())
-    wrong = sum(not verdict.holds for verdict in book.verdicts)
+    verdicts = run_cases(names, arguments.quick, report)
+    files = write_report(arguments.out, verdicts, arguments.quick, plot.available())
     if not arguments.quiet:
-        print(
-            f"{len(book.verdicts) - wrong} of {len(book.verdicts)} hold; {', '.join(files)} written to {arguments.out}"
-        )
-    return 1 if wrong else 0
+        count = len(verdicts.entries)
+        held = sum(verdict.holds for verdict in verdicts.entries)
+        print(f"{held} of {count} hold; {', '.join(files)} written to {arguments.out}")
+    return 0 if verdicts.holds else 1

@@ -18,7 +18,7 @@ from typing import IO, Any
 import numpy as np
 
 from ..._types import Floats
-from ...solve.preconditioner import Memory
+from ...solve.preconditioner import SolverMemory
 from ...solve.state import Equilibrium, State
 from .whole_files import OutputError, aside, open_new, write_all
 
@@ -111,7 +111,7 @@ def _read(file: IO[bytes], size: int) -> Checkpoint:
     vectors: dict[str, Floats] = {
         str(name): np.frombuffer(file.read(8 * length), dtype="<f8").astype(float) for name in header["vectors"]
     }
-    memory = Memory(int(header["spent"]), vectors.pop("tangent", None)) if "spent" in header else None
+    memory = SolverMemory(int(header["spent"]), vectors.pop("tangent", None)) if "spent" in header else None
     if "broken" in header:
         given["broken"] = tuple(np.array(one, dtype=np.int64).reshape(-1) for one in header["broken"])
     if not set(vectors) <= set(names):

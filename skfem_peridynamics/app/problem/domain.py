@@ -10,6 +10,7 @@ from ..._memory import free_memory
 from ..._types import Longs, Mesh
 from ...geometry.boxes import box_of_axes, with_sides
 from ...geometry.layers import collar, region
+from ...geometry.slit import Crack, facets_on, slit
 from ...meshes.read_mesh import read_mesh
 from ..scene.body_tables import InclusionTable, MeshTable
 from ..scene.reading import SceneError, blame
@@ -33,21 +34,40 @@ def make_mesh(spec: MeshTable, folder: Path) -> Mesh:
     return with_sides(box_of_axes(*grid))
 
 
+def cracked_mesh(scene: Scene) -> Mesh:
+    """Return the mesh of a scene with its cracks as slits, and a subdomain for each inclusion.
+
+    It may be refined: that goes by elements, and keeps the faces of a slit apart.
+    """
+    mesh = make_mesh(scene.mesh, scene.folder)
+    cuts: list[str | Longs] = []
+    for k, table in enumerate(scene.crack):
+        if table.points is not None:
+            with blame(f"crack[{k}].points"):
+                cuts.append(facets_on(mesh, Crack(table.points)))
+        elif table.facets is not None:
+            cuts.append(table.facets)
+    if scene.crack:
+        with blame("crack"):
+            mesh = slit(mesh, facets=cuts)
+    return tagged(mesh, scene) if scene.inclusion else mesh
+
+
 def vertices(mesh: Mesh, where: Where, path: str) -> Longs:
     """Return the vertices a table selects. Raises :class:`SceneError` when there are none."""
     if where.on is not None:
         with blame(f"{path}.on"):
-            found = collar(mesh, where.on, where.width or 0.0)
+            chosen = collar(mesh, where.on, where.width or 0.0)
     elif where.region is not None:
         with blame(f"{path}.region"):
-            found = region(mesh, where.region)
+            chosen = region(mesh, where.region)
     else:
         assert where.where is not None
         with blame(f"{path}.where"):
-            found = np.flatnonzero(where.where(mesh.p) > 0.0)
-    if not len(found):
+            chosen = np.flatnonzero(where.where(mesh.p) > 0.0)
+    if not len(chosen):
         raise SceneError(f"{path} selects no vertex: the set is empty")
-    return found
+    return chosen
 
 
 def tag(inclusion: InclusionTable, number: int) -> str:
@@ -58,12 +78,12 @@ def tag(inclusion: InclusionTable, number: int) -> str:
 def tagged(mesh: Mesh, scene: Scene) -> Mesh:
     """Return the mesh with a subdomain for each inclusion that is given by a formula, of the middles of elements."""
     tags = dict(mesh.subdomains or {})
-    for k, one in enumerate(scene.inclusion):
-        if one.where is None:
+    for k, inclusion in enumerate(scene.inclusion):
+        if inclusion.where is None:
             continue
         with blame(f"inclusion[{k}].where"):
-            inside = np.flatnonzero(one.where(mesh.p[:, mesh.t].mean(axis=1)) > 0.0)
+            inside = np.flatnonzero(inclusion.where(mesh.p[:, mesh.t].mean(axis=1)) > 0.0)
         if not len(inside):
             raise SceneError(f"inclusion[{k}].where selects no element: the set is empty")
-        tags[tag(one, k)] = inside
+        tags[tag(inclusion, k)] = inside
     return mesh.with_subdomains(tags)

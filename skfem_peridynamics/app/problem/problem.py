@@ -11,17 +11,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..._memory import free_memory
 from ..._types import Basis, Csr, Floats, Load, Longs, Mesh
-from ...bonds.ball_rule import BallRule
 from ...bonds.bond_basis import BondBasis
 from ...bonds.rule import Rule
-from ...geometry.slit import Crack, facets_on, slit
 from ...material.composite import Composite
-from ...material.influence import as_influence
+from ...material.influence import Influence, as_influence
 from ...material.material import Material
 from ...model.breaking import Breaking
-from ...model.discretisation import Scheme
+from ...model.discretisation import Discretisation
 from ...model.mass import mass_matrix
 from ...model.peridynamics import Peridynamics
 from ...model.space import vector_basis
@@ -31,8 +28,9 @@ from ...solve.newton import Effort
 from ..scene.reading import SceneError, blame
 from ..scene.scene import Scene, Where
 from . import conditions
-from .cost import PER_IMPLICIT_STEP, PRODUCTS, SPARE, memory_of_run, worth_compiling
-from .domain import make_mesh, tag, tagged, vertices
+from .cost import PER_IMPLICIT_STEP, PRODUCTS, check_memory, memory_of_run, worth_compiling
+from .domain import cracked_mesh, vertices
+from .materials import make_material
 
 if TYPE_CHECKING:
     from ...study.choose_rule import Choice
@@ -54,66 +52,39 @@ class Problem:
 
     @cached_property
     def mesh(self) -> Mesh:
+        """The mesh of the run, with its slits, refined as often as asked."""
         return self._unrefined.refined(self.refinements) if self.refinements else self._unrefined
 
     @cached_property
     def _unrefined(self) -> Mesh:
-        """The mesh with its cracks; refinement keeps their faces apart, for it goes by elements."""
-        mesh = make_mesh(self.scene.mesh, self.scene.folder)
-        cuts: list[str | Longs] = []
-        for k, table in enumerate(self.scene.crack):
-            if table.points is not None:
-                with blame(f"crack[{k}].points"):
-                    cuts.append(facets_on(mesh, Crack(table.points)))
-            elif table.facets is not None:
-                cuts.append(table.facets)
-        if self.scene.crack:
-            with blame("crack"):
-                mesh = slit(mesh, facets=cuts)
-        return tagged(mesh, self.scene) if self.scene.inclusion else mesh
+        return cracked_mesh(self.scene)
 
     @cached_property
     def basis(self) -> Basis:
+        """The vector P1 basis; with a lumped mass only a numbering of its degrees of freedom."""
         if self.mass_kind == "consistent":
-            return self.whole_basis
+            return self.full_basis
         # a run sums over bonds, not over elements: the basis only numbers, so one element is all it tabulates
         return vector_basis(self.mesh, elements=np.array([0]), intorder=1)
 
     @cached_property
-    def whole_basis(self) -> Basis:
+    def full_basis(self) -> Basis:
         """The basis with all elements tabulated, for what is integrated over the body."""
         return vector_basis(self.mesh)
 
     @cached_property
     def material(self) -> Material | Composite:
         """The material, or with inclusions what is where."""
-        table = dataclasses.asdict(self.scene.material)
-        between, _ = table.pop("between"), table.pop("breaking")
-        with blame("material"):
-            matrix = Material.from_elastic(**table)
-        if not self.scene.inclusion:
-            return matrix
-        inclusions = {}
-        for k, one in enumerate(self.scene.inclusion):
-            given = {key: value for key, value in dataclasses.asdict(one).items() if value is not None}
-            for name in ("region", "where"):
-                given.pop(name, None)
-            for pair in (("young", "lame"), ("toughness", "K_Ic")):
-                if any(name in given for name in pair):  # one replaces the other
-                    given = dict.fromkeys(pair) | given
-            with blame(f"inclusion[{k}]"):
-                inclusions[tag(one, k)] = matrix.with_(**given)
-        composite = Composite(matrix, inclusions, between)
-        with blame("inclusion"):
-            composite.member_of(self._unrefined)
-        return composite
+        return make_material(self.scene, self._unrefined)
 
     @property
     def materials(self) -> tuple[Material, ...]:
+        """All materials of the body, the matrix first."""
         return self.material.materials if isinstance(self.material, Composite) else (self.material,)
 
     @cached_property
     def bonds(self) -> BondBasis:
+        """The bonds, made and balanced. Raises :class:`SceneError` where they would not fit into memory."""
         table = self.scene.bonds
         with blame("bonds"):
             bonds = BondBasis(self.basis, table.horizon, table.influence, self.rule, table.boundary_function)
@@ -123,87 +94,99 @@ class Problem:
         self.check_memory()
         with blame("bonds"):
             _ = bonds.parts  # made here, where a vertex without a bond has a key to blame
-            if self.form.balanced:
+            if self.discretisation.balanced:
                 bonds = bonds.balanced()
         return bonds
 
     @cached_property
-    def form(self) -> Scheme:
+    def discretisation(self) -> Discretisation:
         """The rule, its balance and the mass: as the scene says, or as the measured tables advise."""
         table = self.scene.bonds
         if table.rule == "auto":
-            form = self.choice.scheme
+            discretisation = self.choice.scheme
         else:
             with blame("bonds"):
-                form = Scheme(table.make_rule(), bool(table.balanced))
-        return dataclasses.replace(form, mass=self.scene.time.mass)
+                discretisation = Discretisation(table.make_rule(), bool(table.balanced))
+        return dataclasses.replace(discretisation, mass=self.scene.time.mass)
 
     @cached_property
     def choice(self) -> Choice:
         """What ``rule = "auto"`` chooses on the mesh before refinement, and why; said in the log."""
-        from ...study.choose_rule import choose
+        from ...study.choose_rule import choose, expected_steps
 
         scene, mesh = self.scene, self._unrefined
-        influence = as_influence(scene.bonds.influence)
-        dim = int(mesh.dim())
-        with blame("material"):
-            slope = max(one.law(dim, influence.moment(dim)).slope for one in self.materials)
-        # in 1D the closed form knows no step: half the time a wave takes across the horizon is about it
-        mean = influence.mean_inverse_power(1.0, dim)
-        lam = 8.0 * slope * (mean if np.isfinite(mean) else 4.0) / (self.lightest * dim * scene.bonds.horizon**2)
-        dt = scene.time.step or scene.time.part * 2.0 / np.sqrt(lam)
+        time, horizon, influence, dim = scene.time, scene.bonds.horizon, self.influence, int(mesh.dim())
+        if time.step:
+            steps = time.until / time.step
+        else:
+            steps = expected_steps(
+                time.until, self.largest_slope, self.smallest_density, dim, horizon, influence, time.part
+            )
         chosen = choose(
             mesh,
-            scene.bonds.horizon,
-            fracturing=any(one.potential != "linear" for one in self.materials),
+            horizon,
+            fracturing=any(material.potential != "linear" for material in self.materials),
             tolerance=scene.bonds.tolerance,
-            steps=scene.time.until / dt,
+            steps=steps,
         )
         _log.warning('bonds.rule = "auto" takes %s', chosen.why)
         return chosen
 
     @property
+    def influence(self) -> Influence:
+        """The influence function that the scene names."""
+        return as_influence(self.scene.bonds.influence)
+
+    @property
+    def largest_slope(self) -> float:
+        """The largest ``f'(0)`` of the materials with the exact moment, before there are bonds."""
+        dim = int(self.mesh.dim())
+        with blame("material"):
+            return max(material.law(dim, self.influence.moment(dim)).slope for material in self.materials)
+
+    @property
     def rule(self) -> Rule:
-        return self.form.rule
+        """The rule of the double integral."""
+        return self.discretisation.rule
 
     @property
     def mass_kind(self) -> str:
         """Lumped, or consistent where Gauss points are outside: what each kind of bonds is accurate with."""
-        return self.form.kind
+        return self.discretisation.kind
 
     @property
-    def scheme(self) -> str:
+    def scheme_name(self) -> str:
         """The name of the scheme, for the summary."""
-        if self.scene.time.scheme == "static":
+        scheme = self.scene.time.scheme
+        if scheme == "static":
             return "statics"
-        strong = isinstance(self.rule, BallRule) and not self.rule.symmetric and self.rule.outer == "vertices"
-        form = "strong form" if strong else "weak form"
-        named = "Newmark" if self.scene.time.scheme == "newmark" else "central difference"
-        return f"{named}, {form}, {self.mass_kind} mass"
+        form = "strong form" if self.discretisation.strong else "weak form"
+        return f"{'Newmark' if scheme == 'newmark' else 'central difference'}, {form}, {self.mass_kind} mass"
 
     @cached_property
     def expected_bonds(self) -> int:
+        """About how many bonds the rule makes, before it makes them."""
         return self.rule.estimate(self.mesh, self.scene.bonds.horizon)
 
     @property
     def expected_bytes(self) -> int:
         """Memory of the run."""
-        return memory_of_run(self.mesh, self.rule, self.expected_bonds, self.form.balanced)
+        return memory_of_run(self.mesh, self.rule, self.expected_bonds, self.discretisation.balanced)
 
     def check_memory(self) -> None:
         """Raise :class:`SceneError` where the run would take more memory than there is."""
-        need, free = self.expected_bytes, free_memory()
-        if need > SPARE * free:
+        try:
+            check_memory(self.expected_bytes)
+        except ValueError as error:
             raise SceneError(
-                f"bonds.horizon = {self.scene.bonds.horizon:g} makes about {self.expected_bonds:.3g} bonds, which need "
-                f"{need / 1e9:.3g} GB; {free / 1e9:.3g} GB are free: take a smaller horizon or a coarser mesh"
-            )
+                f"bonds.horizon = {self.scene.bonds.horizon:g} makes about {self.expected_bonds:.3g} bonds, {error}"
+            ) from None
 
     @cached_property
-    def resting(self) -> Peridynamics:
+    def body_at_rest(self) -> Peridynamics:
         """The body for what is asked of it at rest, the step limit before all: some forty products."""
-        spared = [self.vertices(table, f"no_fail[{k}]") for k, table in enumerate(self.scene.no_fail)]
-        no_fail = np.unique(np.concatenate(spared)) if spared else None
+        regions = [self.vertices(table, f"no_fail[{k}]") for k, table in enumerate(self.scene.no_fail)]
+        no_fail = np.unique(np.concatenate(regions)) if regions else None
         breaking = self.scene.material.breaking
         body = Peridynamics(self.bonds, self.material, no_fail=no_fail)
         if breaking is not None:
@@ -218,25 +201,27 @@ class Problem:
         """The body that is stepped: by compiled loops where they save more than it takes to load them."""
         evaluations = self.scene.time.until / self.dt * (1 if self.explicit else PER_IMPLICIT_STEP)
         worth = worth_compiling(self.bonds.nbonds, evaluations)
-        return self.resting.with_(compiled=None if worth else False)
+        return self.body_at_rest.with_(compiled=None if worth else False)
 
     @cached_property
     def mass(self) -> Csr:
+        """The lumped or consistent mass matrix."""
         material = self.material
         density = material.density_on(self.mesh) if isinstance(material, Composite) else material.density
         return mass_matrix(self.basis, density=density, kind=self.mass_kind)
 
     @property
-    def lightest(self) -> float:
+    def smallest_density(self) -> float:
         """The smallest density."""
-        return min(one.density for one in self.materials)
+        return min(material.density for material in self.materials)
 
     @cached_property
     def limit(self) -> StepLimit:
+        """The stable time step of the body at rest."""
         if self.known_limit is not None:
             return self.known_limit
         with blame("bonds"):
-            return stable_time_step(self.resting, self.mass)
+            return stable_time_step(self.body_at_rest, self.mass)
 
     @property
     def dt(self) -> float:
@@ -270,6 +255,7 @@ class Problem:
 
     @cached_property
     def fixed(self) -> list[Prescribed]:
+        """The prescribed motions."""
         return conditions.fixed(self.scene, self.basis)
 
     @cached_property
@@ -279,8 +265,10 @@ class Problem:
 
     @cached_property
     def u0(self) -> Floats | None:
+        """The initial displacement (N,), or None where the scene has none."""
         return conditions.initial(self.scene, self.basis, "displacement")
 
     @cached_property
     def v0(self) -> Floats | None:
+        """The initial velocity (N,), or None where the scene has none."""
         return conditions.initial(self.scene, self.basis, "velocity")

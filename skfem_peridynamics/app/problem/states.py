@@ -15,7 +15,7 @@ from ..scene.reading import blame
 from .problem import Problem
 
 
-def march(problem: Problem, dt: float, start: Any = None, watch: int | Watch = 100) -> Iterator[Any]:
+def states(problem: Problem, dt: float, start: Any = None, watch: int | Watch = 100) -> Iterator[Any]:
     """Return the run: states of the scheme that the scene names, with steps of dt, from the beginning or ``start``."""
     time = problem.scene.time
     given: dict[str, Any] = {"load": problem.load, "fixed": problem.fixed, "start": start}
@@ -48,7 +48,7 @@ def march(problem: Problem, dt: float, start: Any = None, watch: int | Watch = 1
     )
 
 
-def notes(problem: Problem) -> list[str]:
+def remarks(problem: Problem) -> list[str]:
     """What is allowed and yet looks like a slip of units, in sentences."""
     time, out = problem.scene.time, []
     steps = round(time.until / problem.dt)
@@ -58,7 +58,7 @@ def notes(problem: Problem) -> list[str]:
         out.append(f"the run takes {steps:.3g} steps; are the units of time.until = {time.until:g} what you mean?")
     at = problem.scene.material.breaking
     if at is not None:
-        law = next(law for law in problem.resting.laws if np.isfinite(law.inflection))
+        law = next(law for law in problem.body_at_rest.laws if np.isfinite(law.inflection))
         part = float(law.energy(np.array([at * law.inflection]))[0]) / law.limit
         out.append(
             f"bonds break for good at {at:g} times the critical strain, with {part:.0%} of the energy that it takes to "

@@ -12,23 +12,23 @@ import numpy as np
 
 from ..._version import __version__
 from ...stability.cases import CASES
-from ...stability.verdicts import Book, Curve, Verdict
+from ...stability.verdicts import Curve, Verdict, Verdicts
 from ..files.whole_files import write_whole
 from .figure import new_figure, save
 
 FILES = ("stability.csv", "stability.md")
 
 
-def write_report(folder: Path, book: Book, quick: bool, pictures: bool) -> list[str]:
+def write_report(folder: Path, verdicts: Verdicts, quick: bool, pictures: bool) -> list[str]:
     """Write the files into a folder that exists; return their names."""
-    drawn = picture_names(book) if pictures else {}
-    for old in (*FILES, *(f"{picture_file(curve.picture)}" for curve in book.curves)):
+    drawn = picture_names(verdicts) if pictures else {}
+    for old in (*FILES, *(f"{picture_file(curve.picture)}" for curve in verdicts.curves)):
         (folder / old).unlink(missing_ok=True)
-    write_whole(folder / "stability.csv", as_csv(book))
+    write_whole(folder / "stability.csv", as_csv(verdicts))
     if drawn:
         for name, curves in drawn.items():
             plot_curves(folder / picture_file(name), curves)
-    write_whole(folder / "stability.md", as_markdown(book, quick, list(drawn)))
+    write_whole(folder / "stability.md", as_markdown(verdicts, quick, list(drawn)))
     return [*FILES, *map(picture_file, drawn)]
 
 
@@ -36,20 +36,20 @@ def picture_file(name: str) -> str:
     return f"{name.replace(' ', '_')}.png"
 
 
-def picture_names(book: Book) -> dict[str, list[Curve]]:
+def picture_names(verdicts: Verdicts) -> dict[str, list[Curve]]:
     """Group curves by their picture, in the order they came."""
     out: dict[str, list[Curve]] = {}
-    for curve in book.curves:
+    for curve in verdicts.curves:
         out.setdefault(curve.picture, []).append(curve)
     return out
 
 
-def as_csv(book: Book) -> str:
+def as_csv(verdicts: Verdicts) -> str:
     """Return one row for each verdict."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(("case", "setting", "must", "figure", "low", "high", "holds", "seconds", "note"))
-    for one in book.verdicts:
+    for one in verdicts.entries:
         row = (
             one.case,
             one.setting,
@@ -93,10 +93,10 @@ def nearness(verdict: Verdict) -> float:
     return float(low / figure) if figure > 0.0 else np.inf
 
 
-def as_markdown(book: Book, quick: bool, pictures: list[str]) -> str:
+def as_markdown(verdicts: Verdicts, quick: bool, pictures: list[str]) -> str:
     """Return the report: what does not hold, the nearest figure of each kind, and who won the race."""
-    wrong = [one for one in book.verdicts if not one.holds]
-    state = "everything holds" if not wrong else f"{len(wrong)} of {len(book.verdicts)} do not hold"
+    wrong = [one for one in verdicts.entries if not one.holds]
+    state = "everything holds" if not wrong else f"{len(wrong)} of {len(verdicts.entries)} do not hold"
     lines = [f"# Stability report, version {__version__}: {state}", ""]
     if quick:
         lines += ["Quick run: fewer and smaller cases.", ""]
@@ -109,7 +109,7 @@ def as_markdown(book: Book, quick: bool, pictures: list[str]) -> str:
             for one in wrong
         ]
         lines.append("")
-    for name, group in groupby(book.verdicts, key=lambda one: one.case):
+    for name, group in groupby(verdicts.entries, key=lambda one: one.case):
         some = list(group)
         what = next((case.what for key, case in CASES.items() if key == name.split()[0]), name)
         seconds = sum(one.seconds for one in some)

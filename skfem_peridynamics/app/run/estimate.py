@@ -20,14 +20,14 @@ from ...study.result import Result
 from ..files.whole_files import make_folder
 from ..problem.cost import SPARE
 from ..problem.problem import Problem
-from ..problem.states import march
+from ..problem.states import states
 from ..scene.scene import Scene
 
 _TIMES = 4  # at which motions are compared, the last at the end
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class RefinedRun:
     """A scene run on one mesh: displacements at the times of comparison, and what it cost."""
 
     problem: Problem
@@ -55,7 +55,7 @@ def prolongation(mesh: Mesh) -> Csr:
     return sparse.csr_matrix(sparse.vstack([sparse.identity(n), middle]))
 
 
-def move(problem: Problem, coarse: Motion | None = None) -> Motion:
+def run_once(problem: Problem, coarse: RefinedRun | None = None) -> RefinedRun:
     """Run a problem without output; its step is shortened so that the times of comparison are met.
 
     A refined problem takes half the step of the coarser one, or less: its distance then holds the error in time too.
@@ -69,10 +69,10 @@ def move(problem: Problem, coarse: Motion | None = None) -> Motion:
         steps = _TIMES * ceil(until / dt / _TIMES - 1e-9)
     u: list[Floats] = []
     with clock.phase("steps"):
-        for state in march(problem, until / steps):
+        for state in states(problem, until / steps):
             if state.t > (len(u) + 1) * until / _TIMES * (1.0 - 1e-9):
                 u.append(state.u.copy())
-    return Motion(problem, u, until / steps, steps, clock.seconds["setup"], clock.seconds["steps"])
+    return RefinedRun(problem, u, until / steps, steps, clock.seconds["setup"], clock.seconds["steps"])
 
 
 def fits(problem: Problem) -> bool:
@@ -80,13 +80,13 @@ def fits(problem: Problem) -> bool:
     return problem.expected_bytes <= SPARE * free_memory()
 
 
-def distance(coarse: Motion, fine: Motion) -> float:
+def distance(coarse: RefinedRun, fine: RefinedRun) -> float:
     """Return the largest L2 distance of two motions, the second on the finer mesh, over the largest norm of it."""
     raised = sparse.identity(coarse.problem.mesh.nvertices, format="csr")
     for k in range(coarse.problem.refinements, fine.problem.refinements):
         raised = prolongation(replace(fine.problem, refinements=k).mesh) @ raised
     dim = int(fine.problem.mesh.dim())
-    M = mass_matrix(fine.problem.whole_basis, kind="consistent")
+    M = mass_matrix(fine.problem.full_basis, kind="consistent")
 
     def norm(v: Floats) -> float:
         return float(np.sqrt(v @ (M @ v)))
@@ -112,8 +112,8 @@ def estimate(problem: Problem) -> dict[str, Any]:
     if not fits(finer):
         need = finer.expected_bytes / 1e9
         return {"error_estimate": None, "estimate_note": f"the refined mesh would need {need:.3g} GB of memory"}
-    coarse = move(problem)
-    fine = move(finer, coarse)
+    coarse = run_once(problem)
+    fine = run_once(finer, coarse)
     gap = distance(coarse, fine)
     from ...analysis.damage import census
 
@@ -135,13 +135,13 @@ def study_scene(scene: Scene, out: Path, report: Callable[[str], None], levels: 
     _ = first.load, first.fixed, first.body  # the scene's mistakes are told before a folder is made
     make_folder(out)
     result = Result(scene.title, "self-convergence of a scene", quick=levels < 3)
-    runs: list[Motion] = []
+    runs: list[RefinedRun] = []
     for k in range(levels):
         problem = replace(first, refinements=k)
         if k and not fits(problem):
             result.notes.append(f"Refinement {k} would need {problem.expected_bytes / 1e9:.3g} GB and is left out.")
             break
-        runs.append(move(problem, runs[-1] if runs else None))
+        runs.append(run_once(problem, runs[-1] if runs else None))
         one = runs[-1]
         report(
             f"refined {k} times: {one.steps} steps, set-up {one.seconds_setup:.3g} s, steps {one.seconds_steps:.3g} s"
@@ -155,7 +155,7 @@ def study_scene(scene: Scene, out: Path, report: Callable[[str], None], levels: 
         size = (int(one.problem.mesh.nvertices), int(one.problem.bonds.nbonds), one.steps)
         rows.append((k, *size, gap, missed, one.seconds_setup, one.seconds_steps))
     columns = ("refined", "nodes", "bonds", "steps", "distance to the next", "estimated error", "set-up s", "steps s")
-    result.tables.append((f"Relative L2 error of u, {first.bonds.rule.name}, {first.scheme}", columns, rows))
+    result.tables.append((f"Relative L2 error of u, {first.bonds.rule.name}, {first.scheme_name}", columns, rows))
     if len(gaps) > 1:
         result.notes.append(f"Observed order of the distances: {log2(gaps[0] / gaps[1]):.2f}; errors use {p:.2f}.")
     return result

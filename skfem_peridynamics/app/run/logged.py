@@ -22,7 +22,7 @@ class _Keeper(logging.Handler):
 
 
 @contextlib.contextmanager
-def keep_notes() -> Iterator[list[str]]:
+def logged_warnings() -> Iterator[list[str]]:
     """Collect the warnings that this thread logs meanwhile."""
     keeper = _Keeper()
     _log.addHandler(keeper)

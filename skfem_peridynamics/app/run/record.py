@@ -10,11 +10,8 @@ from math import ceil, floor
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..._clock import Clock
-from ...analysis.crack import WINDOW, speeds
-from ...analysis.damage import Census, census, damage
+from ...analysis.damage import Census, Damage, census, census_and_damage, damage
 from ...analysis.stress import strain, stress, voigt
 from ...solve.energy import Energies
 from ...solve.instability import Watch
@@ -73,7 +70,11 @@ class Marks:
 
 
 class Record:
-    """The files of a run. ``earlier`` is the checkpoint that it goes on from; without one the folder is cleared."""
+    """The files of a run, row by row and frame by frame; ``state`` is the last one taken.
+
+    ``earlier`` is the checkpoint that the run goes on from; without one the folder is cleared. ``facts`` are what a
+    checkpoint says besides its state.
+    """
 
     def __init__(
         self,
@@ -90,8 +91,8 @@ class Record:
         self.problem, self.out, self.clock, self.watch, self.progress = problem, out, clock, watch, progress
         self.facts, self.checkpoints = facts, 0
         output = problem.scene.output
-        self.at_frame, self.at_row = Marks(steps, output.frames), Marks(steps, max(2, output.history))
-        self.every, self.saved = output.every, time.monotonic()
+        self.frame_steps, self.row_steps = Marks(steps, output.frames), Marks(steps, max(2, output.history))
+        self.every, self.saved_at = output.every, time.monotonic()
         times = [] if earlier is None else list(earlier.frames)
         for k in range(len(times)):
             if not (out / frame_name(k)).is_file():
@@ -106,39 +107,55 @@ class Record:
         self.measures = measured
         self.history = History(out / "history.csv", columns(self.measures), () if earlier is None else earlier.rows)
         self.frames = Frames(out, problem.basis, times, problem.scene.units) if output.frames else None
-        self.last = 0 if earlier is None else earlier.state.step
+        self.saved_step = 0 if earlier is None else earlier.state.step
+        self.state: State | Equilibrium | None = None
+        if earlier is not None:
+            self.state = dataclasses.replace(earlier.state, _body=problem.body)
 
-    def take(self, state: State | Equilibrium, now: int | None) -> None:
-        """Write what is due at a state. Raises ``UnstableRun`` instead where its energy balance is broken."""
-        row, frame, save = now in self.at_row, now in self.at_frame and self.frames is not None, self._due(state.step)
+    def take(self, state: State | Equilibrium, step: int | None) -> None:
+        """Write what is due at a state. Raises ``UnstableRun`` instead where its energy balance is broken.
+
+        ``step`` counts whole steps of the run: None inside a step that was cut.
+        """
+        self.state = state
+        row = step in self.row_steps
+        frame, save = step in self.frame_steps and self.frames is not None, self._due(state.step)
         if row or frame or save:
             with self.clock.phase("output"):
-                count = census(self.problem.body, state.u) if row else None
-                if isinstance(state, State):
-                    self.watch.look(state, None if count is None else _energies(state, count))
-                if count is not None and now is not None:
-                    entries = row_of(state, count)
-                    for one in self.measures:
-                        entries += one.read(state, count)
-                    self.history.add(*entries)
-                    self.progress.advance(now, entries[5], entries[9])
-                if frame:
-                    self._frame(state)
-        if not row and now is not None:
-            self.progress.advance(now)
+                self._write(state, step, row, frame)
+        if not row and step is not None:
+            self.progress.advance(step)
         if save:
             self.save(state)
 
-    def _due(self, step: int) -> bool:
-        if self.every.steps:
-            return step > self.last and step % self.every.steps == 0
-        # however the clock jumps
-        return self.every.seconds > 0.0 and abs(time.monotonic() - self.saved) >= self.every.seconds
+    def _write(self, state: State | Equilibrium, step: int | None, row: bool, frame: bool) -> None:
+        count = hurt = None
+        if row and frame:
+            count, hurt = census_and_damage(self.problem.body, state.u)  # one walk over the bonds for both
+        elif row:
+            count = census(self.problem.body, state.u)
+        if isinstance(state, State):
+            self.watch.check(state, None if count is None else _energies(state, count))
+        if count is not None and step is not None:
+            entries = row_of(state, count)
+            for measure in self.measures:
+                entries += measure.read(state, count)
+            self.history.add(*entries)
+            self.progress.advance(step, entries[5], entries[9])
+        if frame:
+            self._frame(state, hurt)
 
-    def _frame(self, state: State | Equilibrium) -> None:
+    def _due(self, step: int) -> bool:
+        """Whether a checkpoint is due."""
+        if self.every.steps:
+            return step > self.saved_step and step % self.every.steps == 0
+        # however the clock jumps
+        return self.every.seconds > 0.0 and abs(time.monotonic() - self.saved_at) >= self.every.seconds
+
+    def _frame(self, state: State | Equilibrium, hurt: Damage | None) -> None:
         assert self.frames is not None
         body, asked = self.problem.body, self.problem.scene.output.fields
-        hurt = damage(body, state.u)
+        hurt = damage(body, state.u) if hurt is None else hurt
         fields = {"displacement": state.u} | ({"velocity": state.v} if isinstance(state, State) else {})
         fields |= {"intact": hurt.intact, "Z": hurt.Z}
         if "stress" in asked:
@@ -162,40 +179,10 @@ class Record:
                 _log.warning("%s; the run goes on without this checkpoint", error)
                 return False
             finally:
-                self.saved = time.monotonic()
+                self.saved_at = time.monotonic()
         self.checkpoints += 1
-        self.last = state.step
+        self.saved_step = state.step
         return True
-
-    def figures(self) -> dict[str, Any]:
-        """What the summary says of the rows."""
-        total, imbalance = self.history.column("total"), self.history.column("imbalance")
-        peak = max(float(np.max(total, initial=0.0)), np.finfo(float).tiny)
-        out = {}
-        if self.problem.scene.time.scheme == "static":  # what cracks that ran away have lost
-            out["energy_lost"] = -float(np.min(imbalance, initial=0.0)) / peak
-            imbalance = np.maximum(imbalance, 0.0)
-        rows = self.history.rows
-        return out | {
-            "energy_drift": float(np.max(np.abs(imbalance), initial=0.0)) / peak,
-            "softened_bonds": int(rows[-1][8]) if rows else 0,
-            "largest_Z": max((row[9] for row in rows), default=0.0),
-            **self._of_measures(),
-        }
-
-    def _of_measures(self) -> dict[str, Any]:
-        """The last value of what was measured, and what follows from the crack's."""
-        history = self.history
-        if not history.rows:
-            return {}
-        out: dict[str, Any] = dict(zip(history.columns[len(COLUMNS) :], history.rows[-1][len(COLUMNS) :], strict=True))
-        if "crack_reach" in out:
-            out["largest_tip_speed"] = float(speeds(history.column("t"), history.column("crack_reach"), WINDOW).max())
-            energy = history.rows[-1][4] + out.get("dissipated", 0.0)
-            for size in ("area", "length"):
-                if f"crack_{size}" in out:
-                    out[f"energy_per_crack_{size}"] = (energy / out[f"crack_{size}"]) if out[f"crack_{size}"] else None
-        return out
 
 
 def _energies(state: State, count: Census) -> Energies:

@@ -25,10 +25,10 @@ _log = logging.getLogger("skfem_peridynamics")
 WORTH_KEEPING = 60.0  # seconds of a run that another does not throw away unasked
 
 
-def look_back(out: Path, who: Mapping[str, Any], resume: bool | None) -> Checkpoint | dict[str, Any] | None:
+def earlier_run(out: Path, identity: Mapping[str, Any], resume: bool | None) -> Checkpoint | dict[str, Any] | None:
     """Return the checkpoint to go on with, the summary where the run is finished, or None for a fresh start.
 
-    ``who`` is the identity of the run that is to be made there. Raises :class:`SceneError` for the checkpoint of
+    ``identity`` is that of the run that is to be made there. Raises :class:`SceneError` for the checkpoint of
     another run, and, where nothing is said of ``resume``, before more than a minute of this very run is lost.
     """
     if resume is False:
@@ -36,7 +36,7 @@ def look_back(out: Path, who: Mapping[str, Any], resume: bool | None) -> Checkpo
     if resume:
         finished = _finished(out)
         if finished is not None:
-            _same(out, finished["run"], who, "a finished run of another scene", ())
+            _check_same(out, finished["run"], identity, "a finished run of another scene", ())
             _log.warning("the run in %r is finished: there is nothing to go on with", str(out))
             return finished
     try:
@@ -50,13 +50,13 @@ def look_back(out: Path, who: Mapping[str, Any], resume: bool | None) -> Checkpo
     known = found.facts.get("run")
     known = known if isinstance(known, dict) else {}
     if resume:
-        _same(out, known, who, "the checkpoint of another run", ("versions",))
+        _check_same(out, known, identity, "the checkpoint of another run", ("versions",))
         return found
     try:
         spent = sum(float(value) for value in found.facts["seconds"].values())
     except (KeyError, TypeError, ValueError, AttributeError):
         spent = 0.0
-    if not differences(known, who) and spent > WORTH_KEEPING:
+    if not differences(known, identity) and spent > WORTH_KEEPING:
         raise SceneError(
             f"output folder {str(out)!r} holds {spent:.0f} s of this very run, stopped at step {found.state.step}: "
             "go on with --resume, or start over with --restart"
@@ -64,11 +64,13 @@ def look_back(out: Path, who: Mapping[str, Any], resume: bool | None) -> Checkpo
     return None
 
 
-def _same(out: Path, known: Mapping[str, Any], who: Mapping[str, Any], what: str, also: tuple[str, ...]) -> None:
-    wrong = differences(known, who, also)
-    if wrong:
-        more = f", and {len(wrong) - 3} more" if len(wrong) > 3 else ""
-        raise SceneError(f"output folder {str(out)!r} holds {what}: {'; '.join(wrong[:3])}{more}")
+def _check_same(
+    out: Path, known: Mapping[str, Any], identity: Mapping[str, Any], what: str, also: tuple[str, ...]
+) -> None:
+    different = differences(known, identity, also)
+    if different:
+        more = f", and {len(different) - 3} more" if len(different) > 3 else ""
+        raise SceneError(f"output folder {str(out)!r} holds {what}: {'; '.join(different[:3])}{more}")
 
 
 def _ignore(note: str) -> None:
@@ -85,7 +87,7 @@ def _finished(out: Path) -> dict[str, Any] | None:
     return summary if whole else None
 
 
-def go_on(checkpoint: Checkpoint, problem: Problem, clock: Clock, watch: Watch) -> Problem:
+def restore(checkpoint: Checkpoint, problem: Problem, clock: Clock, watch: Watch) -> Problem:
     """Bring back what a run had computed, spent and seen; return the problem with its known step limit.
 
     Raises :class:`SceneError` for what no run has written, whatever its checksum.

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
+from ...solve.cfl import SAFETY
 from .body_tables import BondsTable, CrackTable, InclusionTable, MaterialTable, MeshTable, formula, formulas
 from .formula import Formula
 from .reading import (
@@ -27,8 +28,6 @@ from .reading import (
     text,
 )
 from .units import UnitsTable
-
-SAFETY = 0.9  # of the stable limit
 
 
 @dataclass(frozen=True)

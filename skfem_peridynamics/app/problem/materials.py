@@ -1,0 +1,42 @@
+"""What a scene is made of: one material, or a matrix with inclusions."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from ..._types import Mesh
+from ...material.composite import Composite
+from ...material.material import Material
+from ..scene.reading import blame
+from ..scene.scene import Scene
+from .domain import tag
+
+# keys of which a material takes one: what an inclusion says of the second takes the place of the first
+_EXCLUSIVE = (("young", "lame"), ("toughness", "K_Ic"))
+
+
+def make_material(scene: Scene, mesh: Mesh) -> Material | Composite:
+    """Return the material of a scene, or with inclusions what is where on its mesh.
+
+    Raises :class:`SceneError` for constants that make no material, and for subdomains that the mesh does not have.
+    """
+    table = dataclasses.asdict(scene.material)
+    between, _ = table.pop("between"), table.pop("breaking")
+    with blame("material"):
+        matrix = Material.from_elastic(**table)
+    if not scene.inclusion:
+        return matrix
+    inclusions = {}
+    for k, inclusion in enumerate(scene.inclusion):
+        given = {key: value for key, value in dataclasses.asdict(inclusion).items() if value is not None}
+        for key in ("region", "where"):
+            given.pop(key, None)
+        for pair in _EXCLUSIVE:
+            if any(key in given for key in pair):
+                given = dict.fromkeys(pair) | given
+        with blame(f"inclusion[{k}]"):
+            inclusions[tag(inclusion, k)] = matrix.with_(**given)
+    composite = Composite(matrix, inclusions, between)
+    with blame("inclusion"):
+        composite.member_of(mesh)
+    return composite
