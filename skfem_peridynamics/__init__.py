@@ -32,7 +32,8 @@ from .solve.energy import Energies
 from .solve.instability import UnstableRun
 from .solve.newmark import newmark
 from .solve.newton import Effort, NotConverged
-from .solve.state import Equilibrium, State, load_state, save_state
+from .solve.state import Equilibrium, State
+from .solve.state_files import load_state, save_state
 from .solve.static import static
 
 if TYPE_CHECKING:

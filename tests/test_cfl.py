@@ -161,7 +161,7 @@ def test_lanczos_that_does_not_converge_leaves_the_guaranteed_bound(monkeypatch)
     def never(*args, **keys):
         raise ArpackNoConvergence("no", np.empty(0), np.empty((0, 0)))
 
-    monkeypatch.setattr("skfem_peridynamics.solve.cfl.eigsh", never)
+    monkeypatch.setattr("skfem_peridynamics.solve.lanczos.eigsh", never)
     body = body_on(box(2, 14), 0.2)
     limit = stable_time_step(body, mass_matrix(body.basis))
     assert np.isnan(limit.eigenvalue)

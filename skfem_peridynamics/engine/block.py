@@ -63,6 +63,11 @@ class Block:
                 self.__dict__["_k"] = made
         return made
 
+    @property
+    def rest_stiffness(self) -> Floats:
+        """``2 f'(0) k``, the second derivative of each bond's energy by T at rest, (nbonds,)."""
+        return 2.0 * self.law.slope * self.k
+
     def owned(self) -> Block:
         """Return the same block with measures of its own, which may be changed."""
         other = dataclasses.replace(self, store=True, own=True)

@@ -50,7 +50,7 @@ class SparseEngine:
         given = {id(block): weight for block, weight in zip(self.blocks, weights or (), strict=weights is not None)}
 
         def apply(block: Block) -> Floats:
-            weight = 2.0 * block.law.slope * block.k if weights is None else given[id(block)]
+            weight = block.rest_stiffness if weights is None else given[id(block)]
             return block.product(weight, x, transposed)
 
         return self.bonds.samples.spread(self._gather(apply)).ravel()

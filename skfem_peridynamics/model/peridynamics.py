@@ -183,7 +183,7 @@ class Peridynamics:
 
     def stiffness(self) -> Csr:
         """Return the matrix of ``a_l`` (paper, section 4.3), scipy csr (N, N); symmetric when the rule is."""
-        return self.assemble([2.0 * block.law.slope * block.k for block in self.blocks])
+        return self.assemble([block.rest_stiffness for block in self.blocks])
 
     def tangent(self, u: Floats) -> Csr:
         """Return minus the gradient of the force at u, scipy csr (N, N); indefinite once bonds soften."""

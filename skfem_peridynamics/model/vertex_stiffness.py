@@ -34,7 +34,7 @@ def vertex_stiffness(body: Peridynamics, weights: Sequence[Floats] | None = None
         block, weight = job
         p = block.directions()
         if weight is None:
-            weight = 2.0 * block.law.slope * block.k
+            weight = block.rest_stiffness
         C = block.incidence(1.0)
         if not body.symmetric:
             C, weight = _only_x(C), 2.0 * weight

@@ -14,11 +14,11 @@ from ..model.breaking import Breaking
 from ..model.peridynamics import Peridynamics
 from .cfl import StepLimit
 from .constraints import Prescribed, check_fixed
-from .energy import inner
+from .energy import inner, trapezoid
 from .inputs import check_start, checked_load, initial_vector
 from .instability import Watch, watching
 from .mass_solver import MassSolver, mass_solver
-from .state import State
+from .state import State, read_only
 from .tangent_limit import TangentLimit
 
 
@@ -76,137 +76,175 @@ def central_difference(
         raise ValueError(f"adapt = {adapt} must be 0, or positive with a limit and a body of a symmetric rule")
     if adapt and start is not None:
         raise ValueError(f"adapt = {adapt} does not go with start, whose steps are all of one length")
-    return _steps(
-        body,
-        mass,
-        initial_vector(u0, size, "u0"),
-        initial_vector(v0, size, "v0"),
-        dt,
-        until,
-        load,
-        fixed,
-        limit,
-        watch,
-        start,
-        adapt,
-        TangentLimit(body, M) if adapt and isinstance(body, Peridynamics) else None,
-    )
+    motion = _Motion(body, mass, initial_vector(u0, size, "u0"), initial_vector(v0, size, "v0"), dt, load, fixed)
+    tangent = TangentLimit(body, M) if adapt and isinstance(body, Peridynamics) else None
+    return _steps(motion, until, limit, watch, start, adapt, tangent)
+
+
+class _Motion:
+    """Displacement, velocity and acceleration that go from step to step in place, and the ledger of their energies.
+
+    ``b`` is the load, ``reaction`` what holds or moves the prescribed degrees of freedom (0 elsewhere).
+    """
+
+    a: Floats
+    b: Floats | None
+    half: Floats  # half a step's change of velocity, taken twice
+
+    def __init__(
+        self,
+        body: Body,
+        mass: MassSolver,
+        u: Floats,
+        v: Floats,
+        dt: float,
+        load: Load | None,
+        fixed: Sequence[Prescribed],
+    ) -> None:
+        self.body, self.mass, self.load, self.fixed = body, mass, load, fixed
+        self.breaking = body if isinstance(body, Breaking) else None
+        self.u, self.v, self.dt, self.step = u, v, dt, 0
+        self.origin, self.first = 0.0, 0  # time and step since which dt is what it is
+        self.work, self.dissipated, self.initial, self.ripple = 0.0, 0.0, 0.0, 0.0
+        self.reaction = np.zeros(mass.size if fixed else 0)
+        self._room = np.empty(mass.size)  # for accelerations
+        self._du = np.empty_like(u)
+
+    def at(self, step: int) -> float:
+        """Return the time of a step."""
+        return self.origin + (step - self.first) * self.dt
+
+    @property
+    def time(self) -> float:
+        """The time of the step that was made last."""
+        return self.at(self.step)
+
+    def place(self) -> None:
+        """Put prescribed displacements into the first state."""
+        for prescribed in self.fixed:
+            displacement = prescribed.start(0.0)
+            if displacement is not None:
+                self.u[prescribed.dofs] = displacement
+
+    def begin(self) -> None:
+        """Make the first state: prescribed velocities, acceleration, energy."""
+        for prescribed in self.fixed:
+            self.v[prescribed.dofs] = prescribed.mean_velocity(0.0, self.dt)
+        self._accelerate()
+        kinetic = 0.5 * inner(self.v, self.mass.times(self.v))
+        self.initial = kinetic + (float(self.body.energy(self.u)) if hasattr(self.body, "energy") else 0.0)
+        self.ripple = 0.125 * self.dt**2 * inner(self.a, self.mass.times(self.a))
+        self.half = 0.5 * self.dt * self.a
+
+    def resume(self, start: State) -> None:
+        """Go to an earlier state. Raises ``ValueError`` for one of another body, or of steps of another length."""
+        check_start(start.u, self.mass.size)
+        if start.dt != self.dt:
+            raise ValueError(f"dt = {self.dt}: the state to start from was made with dt = {start.dt}")
+        self.u, self.v, self.step = start.u.copy(), start.v.copy(), start.step
+        self.work, self.dissipated = start.work, start.dissipated
+        self.initial, self.ripple = start.initial, start.initial_ripple
+        if self.breaking is not None:
+            self.breaking.recall(start.broken)
+        self._accelerate()
+        self.half = 0.5 * self.dt * self.a
+
+    def _accelerate(self) -> None:
+        """Acceleration from force and load; prescribed degrees of freedom follow their own motion."""
+        now = self.time
+        self.b = None if self.load is None else checked_load(self.load(now), self.mass.size, now)
+        total = self.body.force(self.u) if self.breaking is None else self.breaking.force_and_break(self.u)
+        if self.b is not None:
+            total = total + self.b
+        if not self.fixed:
+            self.a = self.mass.solve(total, out=self._room)
+            return
+        given = np.zeros(self.mass.size)
+        for prescribed in self.fixed:
+            before = prescribed.mean_velocity(self.at(self.step - 1), now) if self.step else None
+            after = prescribed.mean_velocity(now, self.at(self.step + 1))
+            given[prescribed.dofs] = 0.0 if before is None else (after - before) / self.dt
+        # a consistent mass couples what is prescribed to what is free: its inertia goes to the other side
+        self.a = self.mass.solve(total - self.mass.times(given))
+        for prescribed in self.fixed:
+            self.a[prescribed.dofs] = given[prescribed.dofs]
+        inertia = self.mass.times(self.a)
+        for prescribed in self.fixed:
+            self.reaction[prescribed.dofs] = inertia[prescribed.dofs] - total[prescribed.dofs]
+
+    def advance(self) -> None:
+        """Make a step, in velocity form.
+
+        k = 0: u1 = u0 + dt v0 + dt^2/2 a0 (4.3); k >= 1: u_{k+1} = 2 u_k - u_{k-1} + dt^2 a_k (4.2).
+        """
+        du = self._du
+        with np.errstate(over="ignore", invalid="ignore"):  # the watch looks at the numbers
+            self.v += self.half
+            np.multiply(self.v, self.dt, out=du)
+            self.u += du
+            self.step += 1
+            load, reaction = self.b, self.reaction.copy()
+            self._accelerate()
+            self.work += trapezoid(load, self.b, du)
+            if self.fixed:
+                self.work += trapezoid(reaction, self.reaction, du)
+            if self.breaking is not None and self.breaking.state.last:
+                # what broke has pulled along half of this step only: the motion lacks that work
+                lacking = 0.5 * self.breaking.state.work_of_last(self.breaking.inward(du))
+                self.dissipated += self.breaking.state.energy - lacking
+            np.multiply(self.a, 0.5 * self.dt, out=self.half)
+            self.v += self.half
+
+    def change_step(self, dt: float) -> None:
+        """Go on with steps of another length."""
+        self.origin, self.first, self.dt = self.time, self.step, dt
+        for prescribed in self.fixed:  # what is prescribed arrives where it should after the next step, too
+            velocity = prescribed.mean_velocity(self.time, self.at(self.step + 1))
+            self.a[prescribed.dofs] = 2.0 / dt * (velocity - self.v[prescribed.dofs])
+        np.multiply(self.a, 0.5 * dt, out=self.half)
+
+    def state(self) -> State:
+        """Return the state after the last step, a view of it."""
+        u, v, a = read_only(self.u, self.v, self.a)
+        return State(
+            *(self.time, self.step, self.dt, u, v, a),
+            *(self.work, self.initial, self.ripple, 0.25, self.body, self.mass),
+            dissipated=self.dissipated,
+            broken=None if self.breaking is None else tuple(self.breaking.state.broken),
+        )
 
 
 def _steps(
-    body: Body,
-    mass: MassSolver,
-    u: Floats,
-    v: Floats,
-    dt: float,
+    motion: _Motion,
     until: float,
-    load: Load | None,
-    fixed: Sequence[Prescribed],
     limit: StepLimit | None,
     watch: int | Watch,
     start: State | None,
     adapt: int,
     tangent: TangentLimit | None,
 ) -> Iterator[State]:
-    size = mass.size
-    origin, first = 0.0, 0  # dt has been what it is since then
-    part, longest = dt / limit.dt if limit is not None else 1.0, dt
-
-    def at(step: int) -> float:
-        return origin + (step - first) * dt
-
-    def accelerate(step: int) -> tuple[Floats, Floats | None]:
-        """Acceleration at a step from force and load; prescribed degrees of freedom follow their own motion."""
-        b = None if load is None else checked_load(load(at(step)), size, at(step))
-        total = body.force(u) if breaking is None else breaking.force_and_break(u)
-        if b is not None:
-            total = total + b
-        if not fixed:
-            return mass.solve(total, out=room), b
-        given = np.zeros(size)
-        for one in fixed:
-            now = one.mean_velocity(at(step - 1), at(step)) if step else None
-            following = one.mean_velocity(at(step), at(step + 1))
-            given[one.dofs] = 0.0 if now is None else (following - now) / dt
-        a = mass.solve(total - mass.times(given))
-        for one in fixed:
-            a[one.dofs] = given[one.dofs]
-        inertia = mass.times(a)
-        for one in fixed:
-            resist[one.dofs] = inertia[one.dofs] - total[one.dofs]
-        return a, b
-
-    breaking = body if isinstance(body, Breaking) else None
-    dissipated = 0.0
-    room = np.empty(size)  # for accelerations
-    resist = np.zeros(size if fixed else 0)  # reaction at prescribed degrees of freedom, 0 elsewhere
+    """Step from the beginning, or from ``start``, to ``until``; yield a state a step."""
+    part, longest = motion.dt / limit.dt if limit is not None else 1.0, motion.dt
     if start is None:
-        step, work, initial, ripple = 0, 0.0, None, 0.0
-        for one in fixed:
-            place = one.start(0.0)
-            if place is not None:
-                u[one.dofs] = place
+        motion.place()
         if tangent is not None:
-            dt = min(dt, part * tangent.at(u))
-        for one in fixed:
-            v[one.dofs] = one.mean_velocity(0.0, dt)
-        a, b = accelerate(0)
+            motion.dt = min(motion.dt, part * tangent.at(motion.u))
+        motion.begin()
     else:
-        check_start(start.u, size)
-        if start.dt != dt:
-            raise ValueError(f"dt = {dt}: the state to start from was made with dt = {start.dt}")
-        u, v, step = start.u.copy(), start.v.copy(), start.step
-        work, initial, ripple, dissipated = start.work, start.initial, start.initial_ripple, start.dissipated
-        if breaking is not None:
-            breaking.recall(start.broken)
-        a, b = accelerate(step)
-    if initial is None:
-        initial = 0.5 * inner(v, mass.times(v)) + (float(body.energy(u)) if hasattr(body, "energy") else 0.0)
-        ripple = 0.125 * dt**2 * inner(a, mass.times(a))
-    guard = watching(watch, limit, abs(initial))
-
-    def state() -> State:
-        views = [x.view() for x in (u, v, a)]
-        for x in views:
-            x.flags.writeable = False
-        return State(
-            *(at(step), step, dt, views[0], views[1], views[2], work, initial, ripple, 0.25, body, mass),
-            dissipated=dissipated,
-            broken=None if breaking is None else tuple(breaking.state.broken),
-        )
-
-    now = state()
+        motion.resume(start)
+    guard = watching(watch, limit, abs(motion.initial))
+    now = motion.state()
     guard.good = now.copy()
     if start is None:
         yield now
-    du, half = np.empty_like(u), 0.5 * dt * a  # half a step's change of velocity, twice
     end = until * (1.0 - 1e-12)
-    while at(step) < end:
-        # k = 0: u1 = u0 + dt v0 + dt^2/2 a0; k >= 1: u_{k+1} = 2 u_k - u_{k-1} + dt^2 a_k
-        with np.errstate(over="ignore", invalid="ignore"):  # the watch looks at the numbers
-            v += half
-            np.multiply(v, dt, out=du)
-            u += du
-            step += 1
-            before, pulled = b, resist.copy()
-            a, b = accelerate(step)
-            if b is not None and before is not None:
-                work += 0.5 * inner(before + b, du)
-            if fixed:
-                work += 0.5 * inner(pulled + resist, du)
-            if breaking is not None and breaking.state.last:
-                # what broke has pulled along half of this step only: the motion lacks that work
-                dissipated += breaking.state.energy - 0.5 * breaking.state.work_of_last(breaking.inward(du))
-            np.multiply(a, 0.5 * dt, out=half)
-            v += half
-        now = state()
-        again = tangent is not None and step % adapt == 0 and at(step) < end
-        if guard.due(step, last=at(step) >= end) or again:
+    while motion.time < end:
+        motion.advance()
+        now = motion.state()
+        again = tangent is not None and motion.step % adapt == 0 and motion.time < end
+        if guard.due(motion.step, last=motion.time >= end) or again:
             guard.check(now)
         yield now
         if tangent is not None and again:
-            origin, first, left = at(step), step, until - at(step)
-            dt = left / max(1, ceil(left / min(longest, part * tangent.at(u)) - 1e-9))
-            for one in fixed:  # what is prescribed arrives where it should after the next step, too
-                a[one.dofs] = 2.0 / dt * (one.mean_velocity(at(step), at(step + 1)) - v[one.dofs])
-            np.multiply(a, 0.5 * dt, out=half)
+            left = until - motion.time
+            motion.change_step(left / max(1, ceil(left / min(longest, part * tangent.at(motion.u)) - 1e-9)))

@@ -9,18 +9,19 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
-from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator, eigs, eigsh
+from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator, eigs
 
 from .._types import Floats
 from ..geometry.simplices import vertex_volumes
 from ..material.influence import as_influence
 from ..model.peridynamics import Peridynamics
 from ..model.vertex_stiffness import vertex_stiffness
+from .lanczos import largest_mode
 from .mass_solver import Lumped, MassSolver, mass_solver
 from .state import State
 
 SAFETY = 0.9  # part of the stable limit that a run takes where nothing is said (docs/stability.md)
-_DENSE = 128  # unknowns up to which the whole spectrum is computed
+DENSE = 128  # unknowns up to which the whole spectrum is computed
 # Lanczos from one random vector can settle on a neighbour of the largest eigenvalue with a small residual. In a space
 # of 20 vectors it was 0.11 % low at worst over tests/test_cfl.py's meshes and four starts each, and 1.4 % in one of
 # 5,600 random bodies; in one of 38 that body's is found. The margin is four times the 0.11 %.
@@ -127,7 +128,7 @@ def largest_eigenvalue(
     rule), small problems by their whole spectrum.
     """
     size, symmetric = mass.size, body.symmetric
-    if size <= _DENSE:
+    if size <= DENSE:
         K = (body.stiffness() if u is None else body.tangent(u)).toarray()
         lam = np.linalg.eigvals(np.stack([mass.solve(column) for column in K.T], axis=1))
         # a dense M^-1 K that is similar to a symmetric matrix has real eigenvalues but for round-off
@@ -144,29 +145,17 @@ def largest_eigenvalue(
 
     start = np.random.default_rng(0).standard_normal(size)
     options = {"k": 1, "tol": tolerance, "ncv": _KRYLOV, "maxiter": 60, "v0": start}
-    A = LinearOperator(K.shape, matvec=apply, dtype=np.dtype(float))
     try:
-        if not symmetric:
-            B = LinearOperator(K.shape, matvec=lambda x: mass.solve(apply(x)), dtype=np.dtype(float))
-            value, vector = eigs(B, which="LM", **options)
-            x = vector[:, 0]
-            miss = mass.solve(K @ x.real) + 1j * mass.solve(K @ x.imag) - value[0] * x
-            return float(abs(value[0])), float(np.linalg.norm(miss) / np.linalg.norm(x)), count + 2
-        if isinstance(mass, Lumped):  # a product with M^-1/2 on both sides is cheaper than a generalised problem
-            scale = np.sqrt(mass.inverse)
-            S = LinearOperator(K.shape, matvec=lambda x: scale * apply(scale * x), dtype=np.dtype(float))
-            value, vector = eigsh(S, which="LA", **options)
-            x = vector[:, 0]
-            return float(value[0]), float(np.linalg.norm(S @ x - value[0] * x)), count
-        M = LinearOperator(K.shape, matvec=mass.times, dtype=np.dtype(float))
-        inverse = LinearOperator(K.shape, matvec=mass.solve, dtype=np.dtype(float))
-        value, vector = eigsh(A, M=M, Minv=inverse, which="LA", **options)
+        if symmetric:
+            value, _, residual = largest_mode(apply, mass, **options)
+            return value, residual, count
+        B = LinearOperator(K.shape, matvec=lambda x: mass.solve(apply(x)), dtype=np.dtype(float))
+        values, vectors = eigs(B, which="LM", **options)
     except (ArpackNoConvergence, ArpackError):
         return nan, nan, count
-    x = vector[:, 0]
-    miss = apply(x) - value[0] * mass.times(x)
-    norm = float(np.sqrt(miss @ mass.solve(miss)))  # in the norm of M^-1, for x of unit norm in M
-    return float(value[0]), norm / float(np.sqrt(x @ mass.times(x))), count
+    x = vectors[:, 0]
+    gap = mass.solve(K @ x.real) + 1j * mass.solve(K @ x.imag) - values[0] * x
+    return float(abs(values[0])), float(np.linalg.norm(gap) / np.linalg.norm(x)), count + 2
 
 
 def stable_time_step(

@@ -32,6 +32,15 @@ class Energies:
         return self.kinetic + self.elastic + self.dissipated - self.work - self.initial
 
 
+def trapezoid(before: Floats | None, after: Floats | None, du: Floats) -> float:
+    """Return the work along du of a force that goes from ``before`` to ``after``; 0 where there is none.
+
+    >>> trapezoid(np.array([1.0]), np.array([3.0]), np.array([0.5])), trapezoid(None, None, np.array([0.5]))
+    (1.0, 0.0)
+    """
+    return 0.0 if before is None or after is None else 0.5 * inner(before + after, du)
+
+
 def inner(a: Floats, b: Floats) -> float:
     """Return ``a.b``, summed pairwise.
 

@@ -14,15 +14,15 @@ from ..model.peridynamics import Peridynamics
 from ..model.vertex_stiffness import vertex_stiffness_scale
 from .cfl import StepLimit
 from .constraints import Prescribed, check_fixed
-from .energy import inner
+from .energy import inner, trapezoid
+from .halved_steps import HalvedSteps
 from .inputs import check_start, checked_load, initial_vector
 from .instability import Watch, watching
 from .mass_solver import MassSolver, mass_solver
 from .newton import Effort, NotConverged, Objective, minimise
 from .preconditioner import Preconditioner
-from .state import State
+from .state import State, read_only
 
-CUTS = 10  # times a step may be cut in half
 _MOST = 25  # iterations of Newton's method before it is
 
 
@@ -182,42 +182,35 @@ def _steps(
     watch: int | Watch,
     start: State | None,
 ) -> Iterator[State]:
-    whole, lag = 1 << CUTS, 0.5 * step.gamma - step.beta  # ticks of a whole step
-    ticks, cuts, count = 0, 0, 0
+    """Step from the beginning, or from ``start``, to ``until``; yield a state a step."""
+    lag = 0.5 * step.gamma - step.beta
+    ticking = HalvedSteps(dt)
 
-    def at(ticks: int) -> float:
-        return ticks // whole * dt + ticks % whole * (dt / whole)
-
-    def pull(t: float) -> Floats | None:
+    def load_at(t: float) -> Floats | None:
         return None if load is None else checked_load(load(t), len(u), t)
 
     breaking, dissipated = (step.body if isinstance(step.body, Breaking) else None), 0.0
     if breaking is not None:
         breaking.recall(None if start is None else start.broken)
-    b = pull(0.0 if start is None else start.t)
+    b = load_at(0.0 if start is None else start.t)
     if start is None:
         a, work = step.begin(dt, u, v, b), 0.0
         initial = 0.5 * inner(v, step.mass.times(v)) + step.body.energy(u)
         ripple = 0.5 * lag * dt**2 * inner(a, step.mass.times(a))
     else:
         check_start(start.u, len(u))
-        ticks, cuts = round(start.t / dt * whole), round(np.log2(dt / start.dt))
-        if abs(at(ticks) - start.t) > 1e-9 * dt or not 0 <= cuts <= CUTS or dt / 2**cuts != start.dt:
+        if not ticking.resume(start.t, start.dt, start.step):
             raise ValueError(f"dt = {dt}: the state to start from was made with dt = {start.dt} at t = {start.t:g}")
         u, v, a = start.u.copy(), start.v.copy(), start.a.copy()
         step.inverse.recall(start.memory)
-        work, initial, ripple, count = start.work, start.initial, start.initial_ripple, start.step
-        dissipated = start.dissipated
-    held = step.reaction(u, a, b)
+        work, initial, ripple, dissipated = start.work, start.initial, start.initial_ripple, start.dissipated
+    reaction = step.reaction(u, a, b)
     guard = watching(watch, limit, abs(initial), damps=step.gamma > 0.5)
 
     def state() -> State:
-        views = [x.view() for x in (u, v, a)]
-        for x in views:
-            x.flags.writeable = False
-        made_with = dt / 2**cuts
+        views = read_only(u, v, a)
         return State(
-            *(at(ticks), count, made_with, views[0], views[1], views[2], work, initial, ripple, lag),
+            *(ticking.time, ticking.count, ticking.length, views[0], views[1], views[2], work, initial, ripple, lag),
             *(step.body, step.mass, step.inverse.memory),
             dissipated=dissipated,
             broken=None if breaking is None else tuple(breaking.state.broken),
@@ -228,37 +221,35 @@ def _steps(
     if start is None:
         yield now
     end = until * (1.0 - 1e-12)
-    while at(ticks) < end:
-        # a step that was cut grows again at the end of the one it was cut from twice
-        while cuts and count and ticks % (whole >> max(cuts - 2, 0)) == 0:
-            cuts -= 1
+    while ticking.time < end:
+        ticking.grow()
         while True:
-            t, part = at(ticks), whole >> cuts
-            b1 = pull(at(ticks + part))
+            b1 = load_at(ticking.end)
             try:
                 with np.errstate(over="ignore", invalid="ignore"):
-                    u1, v, a = step.take(t, dt / 2**cuts, u, v, a, b1)
+                    u1, v, a = step.take(ticking.time, ticking.length, u, v, a, b1)
                 break
             except NotConverged as error:
-                if cuts == CUTS:
+                shortest = ticking.length
+                if not ticking.halve():
                     raise NotConverged(
-                        f"the step at t = {t:.6g} was cut from {dt:.6g} to {dt / 2**cuts:.6g}, and still: {error}",
+                        f"the step at t = {ticking.time:.6g} was cut from {dt:.6g} to {shortest:.6g}, "
+                        f"and still: {error}",
                         now.copy(),
                     ) from None
-                cuts += 1
-        ticks, count = ticks + part, count + 1
-        pulled = step.reaction(u1, a, b1)
-        work += 0.5 * inner(held + pulled, u1 - u)
-        if b is not None and b1 is not None:
-            work += 0.5 * inner(b + b1, u1 - u)
+        ticking.advance()
+        reaction1 = step.reaction(u1, a, b1)
+        work += trapezoid(reaction, reaction1, u1 - u)
+        work += trapezoid(b, b1, u1 - u)
         if breaking is not None:
             breaking.force_and_break(u1)
             if breaking.state.last:
                 dissipated += breaking.state.energy
+                # what broke pulls no more: the motion goes on from the acceleration without it
                 a = step.again(u1, a, b1)
-                pulled = step.reaction(u1, a, b1)
-        u, b, held = u1, b1, pulled
+                reaction1 = step.reaction(u1, a, b1)
+        u, b, reaction = u1, b1, reaction1
         now = state()
-        if guard.due(count, last=at(ticks) >= end):
+        if guard.due(ticking.count, last=ticking.time >= end):
             guard.check(now)
         yield now

@@ -81,7 +81,7 @@ class Preconditioner:
 
     def _renew(self, u: Floats) -> None:
         self._tangent = u.copy()
-        rest = [2.0 * block.law.slope * block.k for block in self.body.blocks]
+        rest = [block.rest_stiffness for block in self.body.blocks]
         now = self.body.hessians(u)
         self._weights = [np.maximum(h, _REMAINS * k) for h, k in zip(now, rest, strict=True)]
         self._held, self._K, self._spent = None, None, 0

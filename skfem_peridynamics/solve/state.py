@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-import zipfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from .._types import Floats, Longs
 from .energy import Energies, inner
 from .preconditioner import SolverMemory
+
+
+def read_only(*arrays: Floats) -> list[Floats]:
+    """Return views of arrays that cannot be written through."""
+    views = [array.view() for array in arrays]
+    for view in views:
+        view.flags.writeable = False
+    return views
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +31,9 @@ class State:
     acceleration, so that ``v + dt a / 2`` is the paper's next difference quotient. ``memory`` is what the linear solver
     of an implicit scheme has learnt, ``broken`` the bonds of a body that lets them break, ``dissipated`` their energy.
     """
+
+    NUMBERS: ClassVar = ("t", "step", "dt", "work", "initial", "initial_ripple", "lag", "dissipated")
+    VECTORS: ClassVar = ("u", "v", "a")
 
     t: float
     step: int
@@ -68,55 +77,6 @@ class State:
         return kept
 
 
-_NUMBERS = ("t", "step", "dt", "work", "initial", "initial_ripple", "lag", "dissipated")
-_YOUNGER = ("lag", "dissipated")  # which older files lack
-_VECTORS = ("u", "v", "a")
-
-
-def save_state(path: str | Path, state: State) -> None:
-    """Write a state to an ``.npz`` file, aside and renamed, so that it is never half written.
-
-    >>> import tempfile
-    >>> place = Path(tempfile.mkdtemp()) / "state.npz"
-    >>> x = np.ones(2)
-    >>> save_state(place, State(t=0.5, step=1, dt=0.5, u=x, v=x, a=x, work=0.0, initial=1.0))
-    >>> load_state(place).u.tolist()
-    [1.0, 1.0]
-    """
-    path = Path(path)
-    aside = path.with_name(path.name + ".part")
-    content: dict[str, Any] = {name: np.asarray(getattr(state, name)) for name in _NUMBERS + _VECTORS}
-    if state.memory is not None:
-        content["spent"] = np.asarray(state.memory.spent)
-        content |= {} if state.memory.tangent is None else {"tangent": state.memory.tangent}
-    content |= {f"broken_{k}": one for k, one in enumerate(state.broken or ())}
-    with open(aside, "wb") as file:
-        np.savez(file, **content)
-    os.replace(aside, path)
-
-
-def load_state(path: str | Path) -> State:
-    """Read a state that :func:`save_state` wrote, to continue from with ``start=`` of its scheme.
-
-    Raises ``ValueError`` for a file that is none. Nothing is unpickled.
-    """
-    try:
-        with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
-            stored: dict[str, Any] = {
-                name: file[name].item() for name in _NUMBERS if name not in _YOUNGER or name in file
-            }
-            stored |= {name: np.asarray(file[name], dtype=float) for name in _VECTORS}
-            lists = [name for name in file if name.startswith("broken_")]
-            if lists:
-                stored["broken"] = tuple(np.asarray(file[f"broken_{k}"], dtype=np.int64) for k in range(len(lists)))
-            if "spent" in file:
-                tangent = np.asarray(file["tangent"], dtype=float) if "tangent" in file else None
-                stored["memory"] = SolverMemory(int(file["spent"]), tangent)
-    except (KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{str(path)!r} is not a state that save_state wrote: {error}") from None
-    return State(**stored)
-
-
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
     """A body at rest at one point of a path: read-only views, valid until the next step; :meth:`copy` keeps them.
@@ -126,6 +86,9 @@ class Equilibrium:
     ``change`` is how u changed in the last step, by which the next is guessed, ``memory`` what the linear solver has
     learnt; ``broken`` and ``dissipated`` are the bonds that have broken for good, and their energy.
     """
+
+    NUMBERS: ClassVar = ("t", "step", "dt", "work", "initial", "dissipated")
+    VECTORS: ClassVar = ("u", "reaction", "change")
 
     t: float
     step: int
@@ -162,3 +125,35 @@ class Equilibrium:
         if self.broken is not None and self._body is not None:  # later its energy is that of fewer bonds
             kept.__dict__["elastic"] = self.elastic
         return kept
+
+
+_T = TypeVar("_T", bound=State | Equilibrium)
+
+
+def contents(state: State | Equilibrium) -> tuple[dict[str, float], dict[str, Floats], tuple[Longs, ...] | None]:
+    """Return the numbers and vectors that a state is made of, by name, and its broken bonds: what a file must hold."""
+    numbers = {name: getattr(state, name) for name in state.NUMBERS}
+    vectors = {name: getattr(state, name) for name in state.VECTORS if getattr(state, name) is not None}
+    if state.memory is not None:
+        numbers["spent"] = state.memory.spent
+        if state.memory.tangent is not None:
+            vectors["tangent"] = state.memory.tangent
+    return numbers, vectors, state.broken
+
+
+def rebuilt(
+    kind: type[_T], numbers: Mapping[str, float], vectors: Mapping[str, Floats], broken: Sequence[Any] | None
+) -> _T:
+    """Return the state that :func:`contents` has taken apart; what older files lack gets its default.
+
+    Raises ``KeyError`` for a number that is missing, ``TypeError`` for what is no part of a state.
+    """
+    given: dict[str, Any] = {name: float(value) for name, value in numbers.items() if name != "spent"}
+    given["step"] = int(numbers["step"])
+    given |= {name: np.asarray(values, dtype=float) for name, values in vectors.items()}
+    tangent = given.pop("tangent", None)
+    if "spent" in numbers:
+        given["memory"] = SolverMemory(int(numbers["spent"]), tangent)
+    if broken is not None:
+        given["broken"] = tuple(np.asarray(bonds, dtype=np.int64).reshape(-1) for bonds in broken)
+    return kind(**given)

@@ -14,13 +14,13 @@ from ..model.peridynamics import Peridynamics
 from ..model.rigidity import check_rigid, check_supported
 from ..model.vertex_stiffness import vertex_stiffness_scale
 from .constraints import Prescribed, check_fixed
-from .energy import inner
+from .energy import trapezoid
+from .halved_steps import HalvedSteps
 from .inputs import check_start, checked_load, initial_vector
 from .newton import Effort, NotConverged, Objective, minimise
 from .preconditioner import Preconditioner
-from .state import Equilibrium
+from .state import Equilibrium, read_only
 
-CUTS = 10  # times a load step may be cut in half
 _MOST = 400  # iterations of Newton's method: a crack that runs away within a step takes many
 
 
@@ -105,7 +105,8 @@ class _Path:
     tolerance: float
     effort: Effort
 
-    def pull(self, t: float) -> Floats | None:
+    def load_at(self, t: float) -> Floats | None:
+        """Return the load at t, None where there is none."""
         return None if self.load is None else checked_load(self.load(t), len(self.held), t)
 
     def place(self, t: float, u: Floats) -> None:
@@ -126,6 +127,25 @@ class _Path:
             return self.settle(guess, b)
         except NotConverged as error:
             raise NotConverged(f"there is no equilibrium at t = 0 to start from: {error}") from None
+
+    def equilibrium(
+        self, t: float, u: Floats, b: Floats | None, b1: Floats | None, ahead: tuple[Floats, int] | None, part: int
+    ) -> tuple[Floats, float]:
+        """Return the equilibrium at t, ``part`` ticks after u, and the energy of the bonds that broke on the way.
+
+        It is looked for where the last change, ``ahead`` over some ticks, points to; a first step follows the body at
+        rest.
+        """
+        if ahead is not None:
+            guess = u + ahead[0] * (part / ahead[1])
+        else:
+            guess = u.copy()
+            self.place(t, guess)
+            rise = None if b1 is None or b is None else b1 - b
+            guess = u + self.elastic(guess - u, rise) if len(self.inverse.free) else guess
+        self.place(t, guess)
+        settled = self.settle(guess, b1)
+        return self.let_break(self.body, settled, b1) if isinstance(self.body, Breaking) else (settled, 0.0)
 
     def let_break(self, body: Breaking, u: Floats, b: Floats | None) -> tuple[Floats, float]:
         """Break bonds and settle again, until none breaks; return the equilibrium and what they had stored."""
@@ -174,80 +194,60 @@ class _Path:
 
 
 def _follow(path: _Path, u: Floats, dt: float, steps: int, start: Equilibrium | None) -> Iterator[Equilibrium]:
-    whole = 1 << CUTS
-    ticks, cuts, count, work = 0, 0, 0, 0.0
-
-    def at(ticks: int) -> float:
-        return ticks // whole * dt + ticks % whole * (dt / whole)
-
-    def equilibrium() -> Equilibrium:
-        views = [u.view(), held.view()] + ([] if ahead is None else [ahead[0].view()])
-        for x in views:
-            x.flags.writeable = False
-        change = None if ahead is None else views[2]
-        t, made_with = at(ticks), dt / 2**cuts
-        memory = path.inverse.memory
-        return Equilibrium(
-            *(t, count, made_with, views[0], views[1], work, initial, path.body, change, memory, dissipated),
-            None if breaking is None else tuple(breaking.state.broken),
-        )
-
+    """Follow the path from the beginning, or from ``start``; yield an equilibrium a step."""
+    ticking, work = HalvedSteps(dt), 0.0
     breaking, dissipated = (path.body if isinstance(path.body, Breaking) else None), 0.0
     if breaking is not None:
         breaking.recall(None if start is None else start.broken)
     ahead: tuple[Floats, int] | None = None  # the last change, and over how many ticks
     if start is None:
-        b = path.pull(0.0)
+        b = path.load_at(0.0)
         u = path.first(u, b)
-        held = path.reaction(u, b)
+        reaction = path.reaction(u, b)
         initial = path.body.energy(u)
     else:
         check_start(start.u, len(u))
-        ticks, cuts = round(start.t / dt * whole), round(np.log2(dt / start.dt))
-        if abs(at(ticks) - start.t) > 1e-9 * dt or not 0 <= cuts <= CUTS or dt / 2**cuts != start.dt:
+        if not ticking.resume(start.t, start.dt, start.step):
             raise ValueError(f"steps of {dt}: the equilibrium to start from is at t = {start.t:g}, after {start.dt}")
-        u, held, count = start.u.copy(), start.reaction.copy(), start.step
-        work, initial, b, dissipated = start.work, start.initial, path.pull(start.t), start.dissipated
-        ahead = None if start.change is None else (start.change.copy(), whole >> cuts)
+        u, reaction = start.u.copy(), start.reaction.copy()
+        work, initial, b, dissipated = start.work, start.initial, path.load_at(start.t), start.dissipated
+        ahead = None if start.change is None else (start.change.copy(), ticking.part)
         path.inverse.recall(start.memory)
+
+    def equilibrium() -> Equilibrium:
+        views = read_only(u, reaction)
+        change = None if ahead is None else read_only(ahead[0])[0]
+        return Equilibrium(
+            *(ticking.time, ticking.count, ticking.length, views[0], views[1], work, initial),
+            *(path.body, change, path.inverse.memory, dissipated),
+            None if breaking is None else tuple(breaking.state.broken),
+        )
+
     now = equilibrium()
     if start is None:
         yield now
-    while ticks < steps * whole:
-        while cuts and count and ticks % (whole >> max(cuts - 2, 0)) == 0:
-            cuts -= 1
+    while ticking.ticks < steps * ticking.whole:
+        ticking.grow()
         while True:
-            part = whole >> cuts
-            t1 = at(ticks + part)
-            b1 = path.pull(t1)
-            if ahead is None:
-                guess = u.copy()
-                path.place(t1, guess)
-                rise = None if b1 is None or b is None else b1 - b
-                guess = u + path.elastic(guess - u, rise) if len(path.inverse.free) else guess
-            else:
-                guess = u + ahead[0] * (part / ahead[1])
-            path.place(t1, guess)
+            t1 = ticking.end
+            b1 = path.load_at(t1)
             try:
-                found = path.settle(guess, b1)
-                if breaking is not None:
-                    found, lost = path.let_break(breaking, found, b1)
-                    dissipated += lost
+                u1, lost = path.equilibrium(t1, u, b, b1, ahead, ticking.part)
+                dissipated += lost
                 break
             except NotConverged as error:
-                if cuts == CUTS:
+                shortest = ticking.length
+                if not ticking.halve():
                     raise NotConverged(
-                        f"no equilibrium was found beyond t = {at(ticks):.6g}, with steps from {dt:.6g} down to "
-                        f"{dt / 2**cuts:.6g}: {error}",
+                        f"no equilibrium was found beyond t = {ticking.time:.6g}, with steps from {dt:.6g} down to "
+                        f"{shortest:.6g}: {error}",
                         now.copy(),
                     ) from None
-                cuts += 1
-        ticks, count = ticks + part, count + 1
-        pulled = path.reaction(found, b1)
-        work += 0.5 * inner(held + pulled, found - u)
-        if b is not None and b1 is not None:
-            work += 0.5 * inner(b + b1, found - u)
-        ahead = (found - u, part)
-        u, b, held = found, b1, pulled
+        ahead = (u1 - u, ticking.part)
+        ticking.advance()
+        reaction1 = path.reaction(u1, b1)
+        work += trapezoid(reaction, reaction1, u1 - u)
+        work += trapezoid(b, b1, u1 - u)
+        u, b, reaction = u1, b1, reaction1
         now = equilibrium()
         yield now

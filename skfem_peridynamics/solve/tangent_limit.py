@@ -6,11 +6,12 @@ from math import inf, sqrt
 
 import numpy as np
 import scipy.sparse as sparse
-from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator, eigsh
+from scipy.sparse.linalg import ArpackError, ArpackNoConvergence
 
 from .._types import Floats
 from ..model.peridynamics import Peridynamics
-from .cfl import _DENSE, largest_eigenvalue, nodal_bounds
+from .cfl import DENSE, largest_eigenvalue, nodal_bounds
+from .lanczos import largest_mode
 from .mass_solver import Lumped, mass_solver
 
 
@@ -24,41 +25,28 @@ class TangentLimit:
     def __init__(self, body: Peridynamics, M: sparse.spmatrix | Floats) -> None:
         self.body, self.products = body, 0
         self.mass = mass_solver(M, np.empty(0, dtype=np.int64))
-        m = np.asarray(M.sum(axis=1)).ravel() if not isinstance(M, np.ndarray) else M
-        self._scale = 1.0 / np.sqrt(m)  # of a consistent mass too: it is the start that is near, not the answer
-        self._mode = np.random.default_rng(0).standard_normal(len(m))
+        self._lumped = np.asarray(M.sum(axis=1)).ravel() if not isinstance(M, np.ndarray) else M
+        self._mode = np.random.default_rng(0).standard_normal(len(self._lumped))
 
     def at(self, u: Floats) -> float:
         """Return the largest stable step at u (infinite where nothing is stiff any more)."""
         K, mass = self.body.tangent_operator(u), self.mass
         size = mass.size
+        if size <= DENSE:
+            lam, _, _ = largest_eigenvalue(self.body, mass, 0.0, u)
+            return inf if lam <= 0.0 else 2.0 / sqrt(lam)
 
         def apply(x: Floats) -> Floats:
             self.products += 1
             product: Floats = K @ x
             return product
 
-        options = {"k": 1, "which": "LA", "ncv": min(size - 1, 10), "tol": 2e-2, "maxiter": 30, "v0": self._mode}
-        A = LinearOperator(K.shape, matvec=apply, dtype=np.dtype(float))
-        if size <= _DENSE:
-            lam, _, _ = largest_eigenvalue(self.body, mass, 0.0, u)
-            return inf if lam <= 0.0 else 2.0 / sqrt(lam)
+        options = {"k": 1, "ncv": min(size - 1, 10), "tol": 2e-2, "maxiter": 30, "v0": self._mode}
         try:
-            if isinstance(mass, Lumped):
-                scale = self._scale
-                S = LinearOperator(K.shape, matvec=lambda x: scale * apply(scale * x), dtype=np.dtype(float))
-                value, vector = eigsh(S, **options)
-                miss = float(np.linalg.norm(S @ vector[:, 0] - value[0] * vector[:, 0]))
-            else:
-                M = LinearOperator(K.shape, matvec=mass.times, dtype=np.dtype(float))
-                inverse = LinearOperator(K.shape, matvec=mass.solve, dtype=np.dtype(float))
-                value, vector = eigsh(A, M=M, Minv=inverse, **options)
-                off = apply(vector[:, 0]) - value[0] * mass.times(vector[:, 0])
-                miss = float(np.sqrt(off @ mass.solve(off)))
+            value, self._mode, residual = largest_mode(apply, mass, **options)
         except (ArpackNoConvergence, ArpackError):  # then the guaranteed bound
             weights = [np.maximum(hessian, 0.0) for hessian in self.body.hessians(u)]
             consistent = 1.0 if isinstance(mass, Lumped) else self.body.bonds.dim + 2.0
-            return 2.0 / sqrt(consistent * nodal_bounds(self.body, 1.0 / self._scale**2, weights)[0])
-        self._mode = vector[:, 0]
-        lam = (float(value[0]) + miss) * 1.02
+            return 2.0 / sqrt(consistent * nodal_bounds(self.body, self._lumped, weights)[0])
+        lam = (value + residual) * 1.02
         return inf if lam <= 0.0 else 2.0 / sqrt(lam)

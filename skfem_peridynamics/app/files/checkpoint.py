@@ -18,18 +18,14 @@ from typing import IO, Any
 import numpy as np
 
 from ..._types import Floats
-from ...solve.preconditioner import SolverMemory
-from ...solve.state import Equilibrium, State
+from ...solve.state import Equilibrium, State, contents, rebuilt
 from .whole_files import OutputError, aside, open_new, write_all
 
 NAME, OLDER = "checkpoint.bin", "checkpoint_older.bin"
 _FIRST = b"skfem-peridynamics checkpoint 1\n"
 _LONGEST = 1 << 26  # bytes of the line of JSON
 _SUM = 65  # bytes of the last line
-_KINDS: dict[str, tuple[type[Any], tuple[str, ...], tuple[str, ...]]] = {
-    "state": (State, ("t", "step", "dt", "work", "initial", "initial_ripple", "lag", "dissipated"), ("u", "v", "a")),
-    "equilibrium": (Equilibrium, ("t", "step", "dt", "work", "initial", "dissipated"), ("u", "reaction", "change")),
-}
+_KINDS: dict[str, type[State] | type[Equilibrium]] = {"state": State, "equilibrium": Equilibrium}
 
 
 class DamagedCheckpoint(ValueError):
@@ -50,21 +46,18 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
     """Write a checkpoint aside and rename it; the one before is kept. Raises ``OutputError``."""
     state, path = checkpoint.state, folder / NAME
     kind = "equilibrium" if isinstance(state, Equilibrium) else "state"
-    _, numbers, names = _KINDS[kind]
-    vectors = {name: getattr(state, name) for name in names if getattr(state, name) is not None}
+    numbers, vectors, broken = contents(state)
     header: dict[str, Any] = {
         "kind": kind,
-        "numbers": {name: getattr(state, name) for name in numbers},
+        "numbers": numbers,
         "rows": checkpoint.rows,
         "frames": checkpoint.frames,
         "facts": checkpoint.facts,
     }
     if state.memory is not None:
-        header["spent"] = state.memory.spent
-        if state.memory.tangent is not None:
-            vectors["tangent"] = state.memory.tangent
-    if state.broken is not None:
-        header["broken"] = [one.tolist() for one in state.broken]
+        header["spent"] = numbers.pop("spent")
+    if broken is not None:
+        header["broken"] = [bonds.tolist() for bonds in broken]
     header["vectors"] = list(vectors)
     with aside(path) as part:
         with open_new(part) as file:
@@ -100,26 +93,22 @@ def _read(file: IO[bytes], size: int) -> Checkpoint:
     file.seek(len(_FIRST))
     line = file.readline(_LONGEST)
     header = json.loads(line)
-    kind, numbers, names = _KINDS[header["kind"]]
-    known = {"dissipated": 0.0} | header["numbers"]  # which older files lack
-    given: dict[str, Any] = {name: float(known[name]) for name in numbers}
-    given["step"] = int(header["numbers"]["step"])
+    kind = _KINDS[header["kind"]]
+    numbers = {name: float(header["numbers"][name]) for name in kind.NUMBERS if name in header["numbers"]}
     count = len(header["vectors"])
     length, rest = divmod(size - len(_FIRST) - len(line) - _SUM, 8 * count)
-    if rest or not np.isfinite(list(given.values())).all():
+    if rest or not np.isfinite(list(numbers.values())).all():
         raise DamagedCheckpoint("its numbers do not fit")
     vectors: dict[str, Floats] = {
         str(name): np.frombuffer(file.read(8 * length), dtype="<f8").astype(float) for name in header["vectors"]
     }
-    memory = SolverMemory(int(header["spent"]), vectors.pop("tangent", None)) if "spent" in header else None
-    if "broken" in header:
-        given["broken"] = tuple(np.array(one, dtype=np.int64).reshape(-1) for one in header["broken"])
-    if not set(vectors) <= set(names):
+    if not set(vectors) <= {*kind.VECTORS, "tangent"}:
         raise DamagedCheckpoint("its vectors do not fit")
+    if "spent" in header:
+        numbers["spent"] = int(header["spent"])
     rows = [tuple(value if isinstance(value, int) else float(value) for value in row) for row in header["rows"]]
-    return Checkpoint(
-        kind(**given, **vectors, memory=memory), rows, [float(t) for t in header["frames"]], dict(header["facts"])
-    )
+    state = rebuilt(kind, numbers, vectors, header.get("broken"))
+    return Checkpoint(state, rows, [float(t) for t in header["frames"]], dict(header["facts"]))
 
 
 def _check_sum(file: IO[bytes], size: int) -> None:
