@@ -47,12 +47,12 @@ def compiled(function: Callable[..., Any], reassociate: bool = False, keep: bool
     options = {"nogil": True, "error_model": "numpy", "fastmath": flags}
     if keep:
         try:
-            made = numba.njit(cache=True, **options)(function)
+            loop = numba.njit(cache=True, **options)(function)
         except RuntimeError:  # no place to keep it: a read-only home, or a package inside an archive
             pass
         else:
-            _forgive(made)
-            return made  # type: ignore[no-any-return]
+            _forgive(loop)
+            return loop  # type: ignore[no-any-return]
     return numba.njit(**options)(function)  # type: ignore[no-any-return]
 
 
@@ -83,10 +83,10 @@ def _fingerprint() -> str:
     from hashlib import sha256
     from pathlib import Path
 
-    made = sha256()
+    digest = sha256()
     for file in sorted(Path(__file__).parent.rglob("*_loops.py")):
-        made.update(file.read_bytes())
-    return made.hexdigest()
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
 
 
 def _forgiving(act: Callable[..., Any]) -> Callable[..., Any]:
@@ -116,8 +116,8 @@ def on_arrays(function: Any) -> Callable[..., Any]:
         import numba
 
         plain = getattr(function, "py_func", function)
-        made: Callable[..., Any] = numba.vectorize(plain if inspect.isfunction(plain) else _around(plain))
-        return made
+        vectorised: Callable[..., Any] = numba.vectorize(plain if inspect.isfunction(plain) else _around(plain))
+        return vectorised
     import numpy as np
 
     return np.vectorize(function, otypes=[float])

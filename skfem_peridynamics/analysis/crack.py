@@ -65,8 +65,8 @@ def crack_path(mesh: Mesh, intact: Floats, horizon: float, cracked: float = CRAC
         root = np.flatnonzero(np.isfinite(far))
         return _branches(x, graph, root, far[root], horizon)
     best, start = 0.0, np.zeros(1, dtype=np.int64)
-    for one in range(int(piece.max()) + 1):
-        inside = np.flatnonzero(piece == one)
+    for label in range(int(piece.max()) + 1):
+        inside = np.flatnonzero(piece == label)
         distance = dijkstra(graph, indices=int(inside[0]))
         end = int(inside[np.argmax(distance[inside])])
         longest = float(dijkstra(graph, indices=end)[inside].max())

@@ -136,8 +136,8 @@ class Intact:
         gone = body.lost.copy() if isinstance(body, Breaking) else np.zeros(body.bonds.samples.nsamples)
         for block, soft in zip(body.blocks, count.soft, strict=True):
             if len(soft):
-                some = block.some(soft)
-                gone[some.window] += some.incidence(1.0).T @ np.ones(len(soft))
+                softened = block.some(soft)
+                gone[softened.window] += softened.incidence(1.0).T @ np.ones(len(soft))
         intact: Floats = 1.0 - body.bonds.samples.spread(gone) / self.every
         return intact
 

@@ -50,13 +50,13 @@ def j_integral(
         )
     gap = np.linalg.norm(mesh.p - tip[:, None], axis=0)
     q = np.clip((radius - gap) / (radius - inner), 0.0, 1.0)
-    some = np.flatnonzero(q[mesh.t].max(axis=0) > 0.0)
-    if not len(some) or not (q[mesh.t[:, some]] > 0.999).any():
+    inside = np.flatnonzero(q[mesh.t].max(axis=0) > 0.0)
+    if not len(inside) or not (q[mesh.t[:, inside]] > 0.999).any():
         raise ValueError(f"the ring of radius {radius:g} about {describe_point(tip)} holds no elements of the body")
     _check_ring(mesh, q, along)
-    part = mesh.restrict(some)
-    vertices = np.unique(mesh.t[:, some])
-    lame, density, critical = (one[some] for one in _constants(body))
+    part = mesh.restrict(inside)
+    vertices = np.unique(mesh.t[:, inside])
+    lame, density, critical = (constant[inside] for constant in _constants(body))
     dofs = (2 * vertices[:, None] + np.arange(2)).ravel()
     whole = _worst_edge(part, u[dofs]) <= critical
     lame, density = lame * whole, density * whole
@@ -111,10 +111,17 @@ def _constants(body: Peridynamics) -> tuple[Floats, Floats, Floats]:
         raise ValueError("material is a bare potential; the J-integral needs a Material")
     moments = body.moments
     if isinstance(material, Composite):
-        each = [one.elastic(law, dim, *moments) for one, law in zip(material.materials, body.laws, strict=True)]
+        each = [
+            member_material.elastic(law, dim, *moments)
+            for member_material, law in zip(material.materials, body.laws, strict=True)
+        ]
         member = material.member_of(mesh)
     else:
         each, member = [body.elastic], np.zeros(int(mesh.nelements), dtype=np.int64)
-    constants = ([one.lame for one in each], [one.density for one in each], [law.inflection for law in body.laws])
+    constants = (
+        [member_material.lame for member_material in each],
+        [member_material.density for member_material in each],
+        [law.inflection for law in body.laws],
+    )
     lame, density, critical = (np.array(some, dtype=float)[member] for some in constants)
     return lame, density, critical

@@ -67,8 +67,8 @@ def stress(body: Peridynamics, u: Floats) -> Floats:
         xi = block.part.vectors() if block.which is None else block.part.vectors()[block.which]
         pull = (block.k * block.law.gradient(T))[:, None] * p
         each = (pull[:, :, None] * xi[:, None, :]).reshape(len(T), -1)
-        made: Floats = block.incidence(1.0).T @ each
-        return block.window, made
+        sampled: Floats = block.incidence(1.0).T @ each
+        return block.window, sampled
 
     for window, made in body.each_block(u, look):
         total[window] += made

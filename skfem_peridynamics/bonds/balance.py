@@ -100,9 +100,9 @@ def _incompatible(bonds: BondList, gap: Floats, layer: Bools) -> Floats:
     pieces, label = connected(mesh.t, mesh.nvertices)
     out = np.zeros_like(gap)
     for piece in range(pieces):
-        mine = label == piece
-        edge = mine & layer
-        left = np.einsum("vak,va->k", Y[mine], gap[mine])
+        in_piece = label == piece
+        edge = in_piece & layer
+        left = np.einsum("vak,va->k", Y[in_piece], gap[in_piece])
         basis = Y[edge].reshape(-1, Y.shape[2])
         amount = np.linalg.lstsq(basis.T @ basis, left, rcond=1e-10)[0]
         out[edge] = (basis @ amount).reshape(-1, gap.shape[1])

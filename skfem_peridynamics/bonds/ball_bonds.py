@@ -98,15 +98,15 @@ class BallBonds:
     def incidence(self, sign: float = -1.0) -> Csr:
         """Return the matrix that takes samples of the window to ``v(y) + sign v(x)``, csr (nbonds, width)."""
         n, corners = self.nbonds, self.fan.corners.shape[1]
-        data = np.empty((n, corners + 1))
-        data[:, 0] = sign
-        data[:, 1:] = self.barycentric()
+        values = np.empty((n, corners + 1))
+        values[:, 0] = sign
+        values[:, 1:] = self.barycentric()
         columns = np.empty((n, corners + 1), dtype=np.int32)
         columns[:, 0] = np.repeat(self.site, self.per_site)
         columns[:, 1:] = self.fan.corners.take(self.element.ravel(), axis=0)
         columns[:, 1:] -= np.int32(self.first)
         rows = np.arange(n + 1, dtype=np.int32) * (corners + 1)
-        return sparse.csr_matrix((data.ravel(), columns.ravel(), rows), shape=(n, self.width))
+        return sparse.csr_matrix((values.ravel(), columns.ravel(), rows), shape=(n, self.width))
 
     def sides(self) -> tuple[Ints, Floats, Ints, Floats]:
         """Return vertices of the mesh and P1 values at x and at y, each (nbonds, k)."""

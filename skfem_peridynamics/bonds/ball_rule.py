@@ -106,16 +106,16 @@ class BallRule:
         self._check(mesh, samples, out)
         return list(out)
 
-    def _check(self, mesh: Mesh, samples: Samples, made: list[BallBonds]) -> None:
+    def _check(self, mesh: Mesh, samples: Samples, parts: list[BallBonds]) -> None:
         """Raise ``ValueError`` for a vertex that its bonds do not hold in every direction: K would be singular."""
         dim = int(mesh.dim())
-        held = np.zeros((samples.nsamples, dim * dim))
-        for part in made:
+        supported = np.zeros((samples.nsamples, dim * dim))
+        for part in parts:
             xi = part.vectors()
             e = xi / np.maximum(np.linalg.norm(xi, axis=1, keepdims=True), np.finfo(float).tiny)
             stiffness = part.weight[:, None] * np.einsum("na,nb->nab", e, e).reshape(len(e), -1)
-            held[part.first : part.first + part.width] += part.incidence(1.0).T @ stiffness
-        lam = np.linalg.eigvalsh(samples.spread(held).reshape(-1, dim, dim)) / vertex_volumes(mesh)[:, None]
+            supported[part.first : part.first + part.width] += part.incidence(1.0).T @ stiffness
+        lam = np.linalg.eigvalsh(samples.spread(supported).reshape(-1, dim, dim)) / vertex_volumes(mesh)[:, None]
         loose = np.flatnonzero(lam[:, 0] < _LOOSE * np.median(lam[:, -1]))
         if len(loose):
             raise ValueError(

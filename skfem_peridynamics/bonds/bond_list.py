@@ -95,10 +95,10 @@ class BondList:
     def parts(self) -> list[Part]:
         """The bonds, a part of them at a time."""
         assert isinstance(self.influence, Influence)
-        made = self.rule.parts(self.mesh, self.samples, self.horizon, self.influence)
+        own = self.rule.parts(self.mesh, self.samples, self.horizon, self.influence)
         if self.balance is None:
-            return made
-        return [part.with_weight(w) for part, w in zip(made, self.balance.weights, strict=True)]
+            return own
+        return [part.with_weight(w) for part, w in zip(own, self.balance.weights, strict=True)]
 
     @cached_property
     def vertex_weight(self) -> Floats | None:

@@ -67,9 +67,9 @@ class Functions(Sequence[Any]):
         side, k, a = self.sides.functions[j]
         values = self.sides.values[side]
         here = np.zeros((self.sides.dim, len(values), 1))
-        other = np.zeros_like(here)
+        there = np.zeros_like(here)
         here[a, :, 0] = values[:, k]
-        pair = (here, other) if side == 0 else (other, here)
+        pair = (here, there) if side == 0 else (there, here)
         return tuple(DiscreteField(field) for field in pair)
 
     def __iter__(self) -> Iterator[Any]:

@@ -35,11 +35,11 @@ def pairs(x: Floats, reach: float) -> Iterator[tuple[Longs, Longs, Floats]]:
         last = min(n, first + _ROWS)
         while True:
             far, r = np.empty(room, dtype=np.int64), np.empty(room)
-            found = _rows(points, cell, shape, order, start, first, last, reach, count, far, r)
-            if found <= room:
+            npairs = _rows(points, cell, shape, order, start, first, last, reach, count, far, r)
+            if npairs <= room:
                 break
-            room = found + (found >> 2)
-        yield np.repeat(np.arange(first, last), count[: last - first]), far[:found], r[:found]
+            room = npairs + (npairs >> 2)
+        yield np.repeat(np.arange(first, last), count[: last - first]), far[:npairs], r[:npairs]
 
 
 @compiled
@@ -57,9 +57,9 @@ def _rows(
     r: Any,
 ) -> int:
     """Neighbours of some points, sorted, and their distances; return how many there are, or would be with room."""
-    found, limit = 0, reach * reach
+    npairs, limit = 0, reach * reach
     for i in range(first, last):
-        begin = found
+        begin = npairs
         x0, x1, x2 = x[i, 0], x[i, 1], x[i, 2]
         for a in range(max(cell[i, 0] - 1, 0), min(cell[i, 0] + 2, shape[0])):
             for b in range(max(cell[i, 1] - 1, 0), min(cell[i, 1] + 2, shape[1])):
@@ -73,14 +73,14 @@ def _rows(
                         d0, d1, d2 = x[j, 0] - x0, x[j, 1] - x1, x[j, 2] - x2
                         square = d0 * d0 + d1 * d1 + d2 * d2
                         if 0.0 < square <= limit:
-                            if found < len(far):
-                                far[found] = j
-                            found += 1
-        count[i - first] = found - begin
-        if found <= len(far):
-            far[begin:found].sort()
-            for k in range(begin, found):
+                            if npairs < len(far):
+                                far[npairs] = j
+                            npairs += 1
+        count[i - first] = npairs - begin
+        if npairs <= len(far):
+            far[begin:npairs].sort()
+            for k in range(begin, npairs):
                 j = far[k]
                 d0, d1, d2 = x[j, 0] - x0, x[j, 1] - x1, x[j, 2] - x2
                 r[k] = np.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
-    return found
+    return npairs

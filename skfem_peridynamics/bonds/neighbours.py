@@ -82,11 +82,11 @@ def pairs_within(x: Floats, reach: float) -> Iterator[tuple[Longs, Longs, Floats
 
     tree = cKDTree(x.T)
     for start in range(0, n, _POINTS):
-        some = cKDTree(x.T[start : start + _POINTS])
-        found = some.sparse_distance_matrix(tree, reach * (1.0 + RIM), output_type="ndarray")
-        found = found[(found["j"] > found["i"] + start) & (found["v"] > 0.0)]
-        found = found[np.argsort(found["i"] * n + found["j"], kind="stable")]
-        yield found["i"] + start, found["j"], found["v"]
+        near_tree = cKDTree(x.T[start : start + _POINTS])
+        distances = near_tree.sparse_distance_matrix(tree, reach * (1.0 + RIM), output_type="ndarray")
+        distances = distances[(distances["j"] > distances["i"] + start) & (distances["v"] > 0.0)]
+        distances = distances[np.argsort(distances["i"] * n + distances["j"], kind="stable")]
+        yield distances["i"] + start, distances["j"], distances["v"]
 
 
 def estimate_pairs(x: Floats, reach: float, samples: int = 500) -> int:

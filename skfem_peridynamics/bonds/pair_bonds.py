@@ -83,10 +83,10 @@ class PairBonds:
     def incidence(self, sign: float = -1.0) -> Csr:
         """Return the matrix that takes samples of the window to ``v(y) + sign v(x)``, csr (nbonds, width)."""
         n = self.nbonds
-        data = np.empty((n, 2))
-        data[:, 0], data[:, 1] = sign, 1.0
+        values = np.empty((n, 2))
+        values[:, 0], values[:, 1] = sign, 1.0
         rows = np.arange(n + 1, dtype=np.int32) * 2
-        return sparse.csr_matrix((data.ravel(), self.ends.ravel(), rows), shape=(n, self.width))
+        return sparse.csr_matrix((values.ravel(), self.ends.ravel(), rows), shape=(n, self.width))
 
     def sides(self) -> tuple[Ints, Floats, Ints, Floats]:
         """Return vertices of the mesh and P1 values at x and at y, each (nbonds, k)."""

@@ -69,9 +69,9 @@ class PairRule:
         Raises ``ValueError`` for a point that is left without a bond, or when the bonds fall into more pieces than the
         mesh.
         """
-        made = list(self._parts(mesh, samples, horizon))
+        parts = list(self._parts(mesh, samples, horizon))
         degree = np.zeros(samples.nsamples, dtype=np.int64)
-        for part in made:
+        for part in parts:
             window = slice(part.first, part.first + part.width)
             degree[window] += np.bincount(part.partner, minlength=part.width)
             degree[part.first + part.row :][: len(part.start) - 1] += np.diff(part.start)
@@ -79,22 +79,22 @@ class PairRule:
         if len(lonely):
             vertex = samples.vertices[lonely[0], 0]
             at = mesh.p[:, vertex] if self.points == "vertices" else samples.points[lonely[0]]
-            what = f"vertex {vertex}" if self.points == "vertices" else "the Gauss point"
+            point = f"vertex {vertex}" if self.points == "vertices" else "the Gauss point"
             raise ValueError(
-                f"horizon = {horizon:g} leaves {what} at {describe_point(at)} without a "
+                f"horizon = {horizon:g} leaves {point} at {describe_point(at)} without a "
                 f"bond ({len(lonely)} of {samples.nsamples} points); the mesh size there is "
                 f"{vertex_sizes(mesh)[vertex]:.3g}: take a larger horizon or a finer mesh"
             )
         if self.points == "vertices" and longest_edge(mesh) <= horizon:
-            return list(made)  # every edge of an element is a bond: the bonds hang together as the mesh does
-        ends = np.concatenate([part.ends + np.int32(part.first) for part in made])
+            return list(parts)  # every edge of an element is a bond: the bonds hang together as the mesh does
+        ends = np.concatenate([part.ends + np.int32(part.first) for part in parts])
         pieces, bonded = connected(mesh.t, mesh.nvertices)[0], connected(ends.T, samples.nsamples)[0]
         if bonded > pieces:
             raise ValueError(
                 f"horizon = {horizon:g} leaves the bonds in {bonded} separate pieces, the mesh has {pieces}: in some "
                 "direction the mesh is coarser than the horizon; take a larger horizon or a finer mesh"
             )
-        return list(made)
+        return list(parts)
 
     def _parts(self, mesh: Mesh, samples: Samples, horizon: float) -> Iterator[PairBonds]:
         """Rows of about a block of bonds at a time."""

@@ -55,13 +55,13 @@ class Block:
     @property
     def k(self) -> Floats:
         """The measures of the bonds."""
-        made: Floats | None = self.__dict__.get("_k")
-        if made is None:
-            made = self.bonds.measure_of(self.part)
-            made = made if self.which is None else made[self.which]
+        measures: Floats | None = self.__dict__.get("_k")
+        if measures is None:
+            measures = self.bonds.measure_of(self.part)
+            measures = measures if self.which is None else measures[self.which]
             if self.store:
-                self.__dict__["_k"] = made
-        return made
+                self.__dict__["_k"] = measures
+        return measures
 
     @property
     def rest_stiffness(self) -> Floats:
@@ -70,9 +70,9 @@ class Block:
 
     def owned(self) -> Block:
         """Return the same block with measures of its own, which may be changed."""
-        other = dataclasses.replace(self, store=True, own=True)
-        other.__dict__["_k"] = np.array(self.k)
-        return other
+        copy = dataclasses.replace(self, store=True, own=True)
+        copy.__dict__["_k"] = np.array(self.k)
+        return copy
 
     def some(self, which: Longs) -> Block:
         """Return a block of some of the bonds, with the measures they have while they are whole."""
@@ -87,8 +87,8 @@ class Block:
 
         T is that of all bonds, or of some in a row.
         """
-        found = np.flatnonzero((self.law.severity(T) > at) & (self.k[bonds] > 0.0))
-        return np.asarray(found + (bonds.start or 0), dtype=np.int64)
+        numbers = np.flatnonzero((self.law.severity(T) > at) & (self.k[bonds] > 0.0))
+        return np.asarray(numbers + (bonds.start or 0), dtype=np.int64)
 
     @property
     def window(self) -> slice:
@@ -124,11 +124,11 @@ class Block:
         """Return B and X^T: strains are ``B u``, forces ``-X^T g``; X is B for a symmetric rule."""
         if not self.keep:
             return self._make()
-        made: tuple[Csr, sparse.csc_matrix] | None = self.__dict__.get("_kept")
-        if made is None:
-            made = self._make()
-            self.__dict__["_kept"] = made
-        return made
+        kept: tuple[Csr, sparse.csc_matrix] | None = self.__dict__.get("_kept")
+        if kept is None:
+            kept = self._make()
+            self.__dict__["_kept"] = kept
+        return kept
 
     def strains(self, u: Floats) -> Floats:
         """Scaled strains T of the bonds for all samples u, (nsamples, dim)."""
@@ -161,10 +161,10 @@ def _times(value: Floats, columns: Floats, p: Floats, width: int) -> Csr:
     """Rows ``value_k p_a`` at the degrees of freedom ``(column_k, a)``."""
     n, dim = p.shape
     # component by component, -x before y: a translation of vertices then cancels exactly, not to round-off
-    data = p[:, :, None] * value[:, None, :]
+    products = p[:, :, None] * value[:, None, :]
     place = columns[:, None, :] * np.int32(dim) + np.arange(dim, dtype=np.int32)[:, None]
-    rows = np.arange(n + 1, dtype=np.int32) * np.int32(data[0].size)
-    return sparse.csr_matrix((data.ravel(), place.ravel(), rows), shape=(n, width))
+    rows = np.arange(n + 1, dtype=np.int32) * np.int32(products[0].size)
+    return sparse.csr_matrix((products.ravel(), place.ravel(), rows), shape=(n, width))
 
 
 def make_blocks(

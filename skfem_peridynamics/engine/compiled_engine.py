@@ -29,18 +29,18 @@ _T = TypeVar("_T")
 class CompiledEngine:
     """The operators of a body by compiled loops; what they cannot do, the sparse products do."""
 
-    def __init__(self, other: SparseEngine) -> None:
-        self.other, self.pool = other, other.pool
-        blocks = list(other.blocks)
+    def __init__(self, sparse_engine: SparseEngine) -> None:
+        self.other, self.pool = sparse_engine, sparse_engine.pool
+        blocks = list(sparse_engine.blocks)
         balls = bool(blocks) and isinstance(blocks[0].part, BallBonds)
-        self.field: Any = BallLoops(other.bonds, blocks) if balls else PairLoops(other.bonds, blocks)
+        self.field: Any = BallLoops(sparse_engine.bonds, blocks) if balls else PairLoops(sparse_engine.bonds, blocks)
         self._idle: list[Any] = []
 
     @cached_property
     def schedule(self) -> Schedule:
         """The tasks in a fixed order of what they add to."""
-        made: Schedule = self.field.schedule()
-        return made
+        schedule: Schedule = self.field.schedule()
+        return schedule
 
     @contextmanager
     def _arrays(self, u: Floats) -> Iterator[Any]:
@@ -76,12 +76,12 @@ class CompiledEngine:
             number = {id(block): k for k, block in enumerate(self.other.blocks)}
             hit.sort(key=lambda task: (number[id(task.block)], task.bonds.start))
             out: Floats = self.field.collect(arrays, self.pool)
-        found = []
+        broken = []
         for task in hit:
             which = task.bonds.start + np.flatnonzero(task.block.k[task.bonds] < 0.0)
             task.block.k[which] = 0.0
-            found.append((task.block, which))
-        return out, found
+            broken.append((task.block, which))
+        return out, broken
 
     def product(self, weights: Sequence[Floats] | None, v: Floats, transposed: bool = False) -> Floats:
         if transposed and not self.other.bonds.rule.symmetric:

@@ -39,14 +39,14 @@ class Law:
         """The arguments of loops that need f."""
         return self.kind, self.slope, self.b, self.f
 
-    def loop(self, made: Callable[..., Any]) -> Callable[..., Any]:
+    def loop(self, specialise: Callable[..., Any]) -> Callable[..., Any]:
         """Return a loop for this law: with functions of the user's own in it, its code is not kept on disk."""
-        return _unkept(made) if self.kind % TENSION == OWN else made
+        return _unkept(specialise) if self.kind % TENSION == OWN else specialise
 
 
 @cache
-def _unkept(made: Any) -> Callable[..., Any]:
-    return compiled(made.py_func, keep=False)
+def _unkept(law_class: Any) -> Callable[..., Any]:
+    return compiled(law_class.py_func, keep=False)
 
 
 def linear(block: Block) -> Law:
@@ -71,7 +71,7 @@ def law_of(potential: Potential) -> Law | None:
     return None
 
 
-def secant(block: Block, T: Floats, some: slice) -> Floats:
+def secant(block: Block, T: Floats, bonds: slice) -> Floats:
     """Return weights w that make ``B^T w B u`` the force of some bonds of a law that only Python can evaluate."""
-    weight: Floats = block.k[some] * block.law.secant(T)
+    weight: Floats = block.k[bonds] * block.law.secant(T)
     return weight

@@ -61,7 +61,7 @@ def _pull(n: int, given: Any, scale: float, W: Any) -> None:
 
 
 @compiled
-def _pull_cells(n: int, reach: float, own: float, mine: float, W: Any) -> None:
+def _pull_cells(n: int, reach: float, own: float, own_size: float, W: Any) -> None:
     """The same where k holds the volumes of the far ends and becomes the measure; ``reach`` 0 counts pairs fully."""
     least = 0.0 if reach > 0.0 else 1.0
     for m in range(n):
@@ -71,7 +71,7 @@ def _pull_cells(n: int, reach: float, own: float, mine: float, W: Any) -> None:
         W[m + C] = c
         W[m + Q] = s * c
         short = reach - W[m + R2] * root
-        share = min(max(short * W[m + REST] + 0.5, least), 1.0) + min(max(short * mine + 0.5, least), 1.0)
+        share = min(max(short * W[m + REST] + 0.5, least), 1.0) + min(max(short * own_size + 0.5, least), 1.0)
         W[m + K] *= own * share
 
 

@@ -141,8 +141,8 @@ class PairLoops:
     def schedule(self) -> Schedule:
         """Return the tasks, split to keep all threads busy, in a fixed order of what they add to."""
         most = task_size(self.bonds.nbonds)
-        pieces = [some for (task,) in self.groups for some in task.split(most)]
-        return Schedule.from_tasks(pieces, (some.touched() for some in pieces), self.bonds.samples.nsamples)
+        pieces = [tasks for (task,) in self.groups for tasks in task.split(most)]
+        return Schedule.from_tasks(pieces, (tasks.touched() for tasks in pieces), self.bonds.samples.nsamples)
 
     @cached_property
     def _runs(self) -> list[tuple[int, int]]:

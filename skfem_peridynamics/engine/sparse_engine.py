@@ -40,10 +40,12 @@ class SparseEngine:
         return self.bonds.samples.spread(np.negative(F, out=F)).ravel()
 
     def break_and_force(self, u: Floats, at: float) -> tuple[Floats, list[tuple[Block, Longs]]]:
-        found = list(self.each(u, lambda block, T: block.beyond(T, at)))
-        for block, which in zip(self.blocks, found, strict=True):
+        beyond = list(self.each(u, lambda block, T: block.beyond(T, at)))
+        for block, which in zip(self.blocks, beyond, strict=True):
             block.k[which] = 0.0
-        return self.force(u), [(block, one) for block, one in zip(self.blocks, found, strict=True) if len(one)]
+        return self.force(u), [
+            (block, numbers) for block, numbers in zip(self.blocks, beyond, strict=True) if len(numbers)
+        ]
 
     def product(self, weights: Sequence[Floats] | None, v: Floats, transposed: bool = False) -> Floats:
         x = self._samples(v)

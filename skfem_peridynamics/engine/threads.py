@@ -34,10 +34,10 @@ class Threads:
         self._process = 0
 
     def map(self, function: Callable[[_X], _T], things: Sequence[_X]) -> Iterator[_T]:
-        def quiet(thing: _X) -> _T:
+        def quiet(argument: _X) -> _T:
             # a run that has become unstable overflows; who steps it looks at the numbers, and says so in words
             with np.errstate(over="ignore", invalid="ignore"):
-                return function(thing)
+                return function(argument)
 
         if self.threads == 1 or len(things) < 2:
             return map(quiet, things)

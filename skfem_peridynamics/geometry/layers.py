@@ -22,13 +22,13 @@ def named_facets(mesh: Mesh, facets: Any) -> Ints:
     [1]
     """
     try:
-        found = np.asarray(mesh.normalize_facets(facets))
+        numbers = np.asarray(mesh.normalize_facets(facets))
     except ValueError:
         known = ", ".join(mesh.boundaries or {}) or "none"
         raise ValueError(f"boundary {facets!r} is not in the mesh; its named boundaries are: {known}") from None
-    if not len(found):
+    if not len(numbers):
         raise ValueError(f"facets = {facets!r} is an empty set of facets")
-    return found
+    return numbers
 
 
 def distance_to_facets(mesh: Mesh, facets: Any, within: float, points: Floats | None = None) -> Floats:
@@ -88,13 +88,13 @@ def region(mesh: Mesh, elements: Any) -> Longs:
     [0, 1, 2]
     """
     try:
-        found = np.asarray(mesh.normalize_elements(elements))
+        numbers = np.asarray(mesh.normalize_elements(elements))
     except (ValueError, KeyError):
         known = ", ".join(mesh.subdomains or {}) or "none"
         raise ValueError(f"subdomain {elements!r} is not in the mesh; its subdomains are: {known}") from None
-    if not len(found):
+    if not len(numbers):
         raise ValueError(f"elements = {elements!r} is an empty set of elements")
-    return np.unique(mesh.t[:, found]).astype(np.int64)
+    return np.unique(mesh.t[:, numbers]).astype(np.int64)
 
 
 def boundary_function(mesh: Mesh, horizon: float) -> Floats:

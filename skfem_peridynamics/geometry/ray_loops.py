@@ -12,7 +12,7 @@ from .._compile import compiled
 @compiled
 def walk(
     x: Any, element: Any, way: Any, length: Any, at: Any, gradient: Any, base: Any, neighbour: Any, extent: float,
-    parallel: float, still: float, most_turns: int, reach: Any, found: Any, stuck: Any,
+    parallel: float, still: float, most_turns: int, reach: Any, crossed: Any, stuck: Any,
 ) -> None:  # fmt: skip
     """Reach of each ray and the elements at distances ``at``; marks those that keep turning as ``stuck``."""
     corners, dim, nnodes = gradient.shape[1], gradient.shape[2], at.shape[1]
@@ -40,7 +40,7 @@ def walk(
             follow = neighbour[here, facet]
             over = follow < 0 or out >= length[ray]
             while node < nnodes and (over or at[ray, node] <= out):
-                found[ray, node] = here
+                crossed[ray, node] = here
                 node += 1
             if over:
                 reach[ray] = min(out, length[ray])
@@ -58,7 +58,7 @@ def first_elements(vertex: Any, direction: Any, local: Any, element: Any, start:
     """The element at each vertex in whose cone the direction lies deepest, -1 where it lies in none."""
     corners, dim = gradient.shape[1], gradient.shape[2]
     for n in range(len(vertex)):
-        best, mine = -np.inf, -1
+        best, chosen = -np.inf, -1
         for place in range(start[vertex[n]], start[vertex[n] + 1]):
             here, depth = element[place], np.inf
             for k in range(corners):
@@ -70,5 +70,5 @@ def first_elements(vertex: Any, direction: Any, local: Any, element: Any, start:
                         square += g * g
                     depth = min(depth, slope / np.sqrt(square))
             if depth > best:
-                best, mine = depth, here
-        out[n] = mine if best >= least else -1
+                best, chosen = depth, here
+        out[n] = chosen if best >= least else -1

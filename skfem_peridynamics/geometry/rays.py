@@ -115,15 +115,15 @@ class Tracer:
         at_vertex = distance <= 1e-12 * np.ptp(self.mesh.p)
         start[at_vertex] = self.any_element(vertex[at_vertex])
         lost = start < 0
-        found = start.copy()
+        element_of_point = start.copy()
         go = np.flatnonzero(~lost & ~at_vertex)
         if len(go):
             reach, element = self._walk(origin[go], start[go], direction[go], distance[go], distance[go, None])
-            found[go] = element[:, 0]
+            element_of_point[go] = element[:, 0]
             lost[go] = reach < distance[go] * (1.0 - 1e-9)
         if lost.any():
             raise ValueError(f"point {x[lost][0].tolist()} is not seen from its nearest vertex: is it inside the mesh?")
-        return found
+        return element_of_point
 
     def first_elements(self, vertex: Longs, direction: Floats) -> Longs:
         """Return the element at each vertex that a ray in a direction (n, dim) enters; -1 where it leaves the body.
@@ -188,20 +188,20 @@ class Tracer:
         """
         nodes_cut = nodes if nodes_cut is None else nodes_cut
         reach = np.zeros(len(x))
-        found = np.zeros((len(x), len(nodes)), dtype=np.int32)
+        crossed = np.zeros((len(x), len(nodes)), dtype=np.int32)
         for low in range(0, len(x), _CHUNK):
             part = low + np.flatnonzero(element[low : low + _CHUNK] >= 0)
             if not len(part):
                 continue
             ends = np.full(len(part), length)
             begin = x[part], element[part], direction[part]
-            reach[part], found[part] = self._walk(*begin, ends, ends[:, None] * nodes)
+            reach[part], crossed[part] = self._walk(*begin, ends, ends[:, None] * nodes)
             cut = np.flatnonzero(reach[part] < length)
             if len(cut) and len(nodes):
                 begin = x[part[cut]], element[part[cut]], direction[part[cut]]
                 ends = reach[part[cut]]
-                found[part[cut]] = self._walk(*begin, ends, ends[:, None] * nodes_cut)[1]
-        return Rays(reach, found)
+                crossed[part[cut]] = self._walk(*begin, ends, ends[:, None] * nodes_cut)[1]
+        return Rays(reach, crossed)
 
     def _walk(self, x: Floats, element: Longs, way: Floats, length: Floats, at: Floats) -> tuple[Floats, Ints]:
         """Reach of each ray, and the elements at distances ``at`` (n, nnodes)."""
@@ -209,18 +209,18 @@ class Tracer:
             return self._walk_together(x, element, way, length, at)
         from .ray_loops import walk
 
-        reach, found, stuck = length.copy(), np.zeros(at.shape, dtype=np.int32), np.zeros(len(x), dtype=bool)
+        reach, crossed, stuck = length.copy(), np.zeros(at.shape, dtype=np.int32), np.zeros(len(x), dtype=bool)
         mesh = self.gradient, self.base, self.neighbour, self.extent
-        walk(x, element, way, length, at, *mesh, _PARALLEL, _STILL, _TURNS, reach, found, stuck)
+        walk(x, element, way, length, at, *mesh, _PARALLEL, _STILL, _TURNS, reach, crossed, stuck)
         if stuck.any():
-            some = x[stuck], element[stuck], way[stuck], length[stuck], at[stuck]
-            reach[stuck], found[stuck] = self._walk_together(*some)
-        return reach, found
+            rest = x[stuck], element[stuck], way[stuck], length[stuck], at[stuck]
+            reach[stuck], crossed[stuck] = self._walk_together(*rest)
+        return reach, crossed
 
     def _walk_together(self, x: Floats, element: Longs, way: Floats, length: Floats, at: Floats) -> tuple[Floats, Ints]:
         """The same, all rays an element a round."""
         n, nnodes = at.shape
-        reach, found = length.copy(), np.zeros((n, nnodes), dtype=np.int32)
+        reach, crossed = length.copy(), np.zeros((n, nnodes), dtype=np.int32)
         scale = np.minimum(length, self.extent)  # what round-off is measured by
         at = np.concatenate([at, np.full((n, 1), np.inf)], axis=1)
         ray = np.arange(n)
@@ -245,7 +245,7 @@ class Tracer:
                 passed = passed[next_node[passed] < nnodes]
                 if not len(passed):
                     break
-                found[ray[passed], next_node[passed]] = here[passed]
+                crossed[ray[passed], next_node[passed]] = here[passed]
                 next_node[passed] += 1
             reach[ray[over]] = np.minimum(out[over], length[over])
             go = ~over
@@ -259,4 +259,4 @@ class Tracer:
                 side = np.random.default_rng(len(stuck)).standard_normal((len(stuck), x.shape[1]))
                 x = x.copy()
                 x[stuck] += _NUDGE * scale[stuck, None] * side
-        return reach, found
+        return reach, crossed

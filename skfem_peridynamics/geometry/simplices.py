@@ -53,8 +53,8 @@ def element_volumes(mesh: Mesh) -> Floats:
     [0.5, 0.5]
     """
     volume = np.empty(mesh.t.shape[1])
-    for some, corners in _in_chunks(mesh):
-        volume[some] = np.abs(_determinant([corner - corners[0] for corner in corners[1:]]))
+    for elements, corners in _in_chunks(mesh):
+        volume[elements] = np.abs(_determinant([corner - corners[0] for corner in corners[1:]]))
     volume /= factorial(mesh.dim())
     return volume
 
@@ -62,8 +62,8 @@ def element_volumes(mesh: Mesh) -> Floats:
 def _in_chunks(mesh: Mesh) -> Iterator[tuple[slice, list[Floats]]]:
     """Some elements at a time, and their corners (dim, n): what is made of them takes little memory."""
     for start in range(0, mesh.t.shape[1], _CHUNK):
-        some = slice(start, start + _CHUNK)
-        yield some, [mesh.p.take(t, axis=1) for t in mesh.t[:, some]]
+        elements = slice(start, start + _CHUNK)
+        yield elements, [mesh.p.take(t, axis=1) for t in mesh.t[:, elements]]
 
 
 def _determinant(columns: list[Floats]) -> Floats:

@@ -90,9 +90,9 @@ def facets_on(mesh: Mesh, crack: Crack, tolerance: float = 1e-6) -> Longs:
         for piece in range(corners.shape[2]):
             gap = np.minimum(gap, distance_to_simplices(point, corners, np.full(len(near), piece)))
         on &= gap <= tolerance * size[near]
-    found = inner[near[on]]
+    chosen = inner[near[on]]
     start, end = (describe_point(p) for p in (crack._points[0], crack._points[-1]))
-    if not len(found):
+    if not len(chosen):
         body_low, body_high = mesh.p.min(axis=1), mesh.p.max(axis=1)
         if (high < body_low).any() or (low > body_high).any():
             raise ValueError(
@@ -105,14 +105,14 @@ def facets_on(mesh: Mesh, crack: Crack, tolerance: float = 1e-6) -> Longs:
             f"(the vertices nearest to its ends are at {' and '.join(map(describe_point, ends))})"
         )
     if mesh.dim() > 1:
-        covered = _measure(mesh.p[:, mesh.facets[:, found]])
+        covered = _measure(mesh.p[:, mesh.facets[:, chosen]])
         wanted = _measure(corners)
         if covered < wanted * (1.0 - 1e-4):
             raise ValueError(
                 f"crack from {start} to {end}: facets of the mesh follow only {covered:.6g} of its {wanted:.6g}; "
                 "let the mesh follow all of it, and let it lie inside the body"
             )
-    return found
+    return chosen
 
 
 def _measure(corners: Floats) -> float:

@@ -31,7 +31,7 @@ def _faces(mesh: Mesh) -> list[tuple[Longs, Longs]]:
     extent = float(np.ptp(mesh.p, axis=1).max())
     pairs = cKDTree(middle).query_pairs(1e-9 * extent, output_type="ndarray")
     shared = [np.intersect1d(corners[:, a], corners[:, b]) for a, b in pairs]
-    return [(one, np.setdiff1d(corners[:, a], one)) for one, (a, _) in zip(shared, pairs, strict=True)]
+    return [(node, np.setdiff1d(corners[:, a], node)) for node, (a, _) in zip(shared, pairs, strict=True)]
 
 
 def slit_directions(mesh: Mesh) -> tuple[Floats, Floats]:
@@ -46,6 +46,6 @@ def slit_directions(mesh: Mesh) -> tuple[Floats, Floats]:
     ends = [(shared[0], others[0]) for shared, others in _faces(mesh) if len(shared) == 1 and len(others) == 1]
     tips = np.array([tip for tip, _ in ends], dtype=np.int64)
     order = np.argsort(tips, kind="stable")
-    tips, behind = tips[order], np.array([other for _, other in ends], dtype=np.int64)[order]
+    tips, behind = tips[order], np.array([inner for _, inner in ends], dtype=np.int64)[order]
     along = (mesh.p[:, tips] - mesh.p[:, behind]).T
     return mesh.p[:, tips].T, along / np.linalg.norm(along, axis=1, keepdims=True)

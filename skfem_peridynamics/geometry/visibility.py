@@ -57,8 +57,8 @@ class Facets:
 
         half = 0.5 * float(np.linalg.norm(q - p, axis=0).max())
         tree, middles = cKDTree(self.middle.T), cKDTree((0.5 * (p + q)).T)
-        found = middles.sparse_distance_matrix(tree, (half + self.radius) * (1.0 + 1e-9), output_type="ndarray")
-        return found["i"], found["j"]
+        distances = middles.sparse_distance_matrix(tree, (half + self.radius) * (1.0 + 1e-9), output_type="ndarray")
+        return distances["i"], distances["j"]
 
     def margin(self, p: Floats, q: Floats, which: Longs) -> Floats:
         """Least barycentric coordinate at which the segment p q crosses facet ``which``; -inf where it does not."""
@@ -245,8 +245,8 @@ def _inward(mesh: Mesh, facets: Longs, normal: Floats) -> Floats:
     length = np.linalg.norm(point, axis=0)
     lowest = np.full(mesh.nvertices, np.inf)
     lowest[present] = np.minimum.reduceat((n * point[:, vertex]).sum(axis=0), first)
-    found = (length > 1e-3) & (lowest > 1e-2 * length)
-    return np.where(found, -point / np.maximum(length, np.finfo(float).tiny), 0.0)
+    exists = (length > 1e-3) & (lowest > 1e-2 * length)
+    return np.where(exists, -point / np.maximum(length, np.finfo(float).tiny), 0.0)
 
 
 def _extreme(p: Floats) -> Floats:

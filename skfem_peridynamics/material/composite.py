@@ -59,12 +59,12 @@ class Composite:
             raise ValueError(
                 f"inclusions names {len(self.inclusions)} subdomains; at most {MOST - 1} can be told apart"
             )
-        for name, one in self.inclusions.items():
-            for what in ("plane", "convention", "calibrate"):
-                if getattr(one, what) != getattr(self.matrix, what):
+        for name, inclusion in self.inclusions.items():
+            for attribute in ("plane", "convention", "calibrate"):
+                if getattr(inclusion, attribute) != getattr(self.matrix, attribute):
                     raise ValueError(
-                        f"inclusions[{name!r}].{what} = {getattr(one, what)!r}: the matrix has "
-                        f"{getattr(self.matrix, what)!r}, and a body has one"
+                        f"inclusions[{name!r}].{attribute} = {getattr(inclusion, attribute)!r}: the matrix has "
+                        f"{getattr(self.matrix, attribute)!r}, and a body has one"
                     )
 
     @property
@@ -79,7 +79,7 @@ class Composite:
     @property
     def density(self) -> tuple[float, ...]:
         """One density a material."""
-        return tuple(one.density for one in self.materials)
+        return tuple(material.density for material in self.materials)
 
     def with_(self, **changes: Any) -> Composite:
         """Return a copy with another matrix, other inclusions or another mean."""
@@ -87,7 +87,7 @@ class Composite:
 
     def laws(self, dim: int, moment: float, crack_moment: float | None = None) -> tuple[Potential, ...]:
         """Return the calibrated potential of each material, see :meth:`Material.law`."""
-        return tuple(one.law(dim, moment, crack_moment) for one in self.materials)
+        return tuple(material.law(dim, moment, crack_moment) for material in self.materials)
 
     def mixed(self, laws: Sequence[Potential], members: Sequence[int]) -> Potential:
         """Return the law of a bond between some of the materials, by their numbers."""
@@ -113,9 +113,9 @@ class Composite:
                 )
             twice = tags[name][member[tags[name]] > 0]
             if len(twice):
-                other = list(self.inclusions)[member[twice[0]] - 1]
+                overlapped = list(self.inclusions)[member[twice[0]] - 1]
                 raise ValueError(
-                    f"element {twice[0]} is in the subdomains {other!r} and {name!r}; one material, please"
+                    f"element {twice[0]} is in the subdomains {overlapped!r} and {name!r}; one material, please"
                 )
             member[tags[name]] = k
         return member

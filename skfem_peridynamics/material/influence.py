@@ -99,17 +99,17 @@ def gaussian(width: float = 0.5) -> Influence:
     return Influence(f"gaussian({width:g})", lambda s: np.exp(-((s / width) ** 2)))
 
 
-def as_influence(what: str | Influence | Callable[[Floats], Floats]) -> Influence:
+def as_influence(influence: str | Influence | Callable[[Floats], Floats]) -> Influence:
     """Return the influence function of that name, or wrap a user's own ``J(s)``.
 
     >>> as_influence("conical")(np.array([0.25]))
     array([0.75])
     """
-    if isinstance(what, Influence):
-        return what
+    if isinstance(influence, Influence):
+        return influence
     named = {"constant": constant, "conical": conical, "gaussian": gaussian()}
-    if isinstance(what, str):
-        if what not in named:
-            raise ValueError(f"influence = {what!r} is not known; it can be {', '.join(named)}")
-        return named[what]
-    return Influence(getattr(what, "__name__", "own"), what)
+    if isinstance(influence, str):
+        if influence not in named:
+            raise ValueError(f"influence = {influence!r} is not known; it can be {', '.join(named)}")
+        return named[influence]
+    return Influence(getattr(influence, "__name__", "own"), influence)

@@ -57,12 +57,12 @@ class Scalars:
     @cached_property
     def compiled(self) -> tuple[Any, Any]:
         """f and f' as numba has compiled them."""
-        f, df, _ = (scalar(one) for one in self._functions)
+        f, df, _ = (scalar(function) for function in self._functions)
         return f, df
 
     @cached_property
     def _on_arrays(self) -> tuple[Callable[[Floats], Floats], ...]:
-        return tuple(on_arrays(one) for one in self._functions)
+        return tuple(on_arrays(function) for function in self._functions)
 
     def f(self, q: Floats) -> Floats:
         return self._on_arrays[0](q)
@@ -105,20 +105,20 @@ NAMED: dict[str, Callable[[float, float], Potential]] = {
 }
 
 
-def make_potential(what: Any, slope: float, limit: float) -> Potential:
+def make_potential(potential: Any, slope: float, limit: float) -> Potential:
     """Return the law ``what`` with this ``f'(0)`` and ``f_inf``: a name, or a callable ``(slope, limit) -> law``.
 
     >>> make_potential("rational", 8.0, 2.0).b
     4.0
     """
-    if isinstance(what, str):
-        if what not in NAMED:
-            raise ValueError(f"potential = {what!r} is not known; it can be {', '.join(NAMED)}")
-        return NAMED[what](slope, limit)
-    if not callable(what):
-        raise ValueError(f"potential = {what!r} must be a name or a callable (slope, limit) -> law")
-    law = what(slope, limit)
-    made = law if isinstance(law, Potential) else own_potential(law)
-    if not np.isclose(made.slope, slope, rtol=1e-6):
-        raise ValueError(f"potential {what!r} was asked for f'(0) = {slope:g} and gives {made.slope:g}")
-    return made
+    if isinstance(potential, str):
+        if potential not in NAMED:
+            raise ValueError(f"potential = {potential!r} is not known; it can be {', '.join(NAMED)}")
+        return NAMED[potential](slope, limit)
+    if not callable(potential):
+        raise ValueError(f"potential = {potential!r} must be a name or a callable (slope, limit) -> law")
+    law = potential(slope, limit)
+    own = law if isinstance(law, Potential) else own_potential(law)
+    if not np.isclose(own.slope, slope, rtol=1e-6):
+        raise ValueError(f"potential {potential!r} was asked for f'(0) = {slope:g} and gives {own.slope:g}")
+    return own

@@ -63,15 +63,15 @@ def _pulled(cells: Longs, dim: int, faces: tuple[tuple[int, ...], ...]) -> tuple
     pieces, owners = [np.empty((0, dim + 1), dtype=np.int64)], [np.empty(0, dtype=np.int64)]
     first = cells.argmin(axis=1)
     for corner in range(cells.shape[1]):
-        mine = np.flatnonzero(first == corner)
+        chosen = np.flatnonzero(first == corner)
         for face in faces:
             if corner in face:
                 continue
             rim = () if len(face) < 3 else tuple((k, (k + 1) % len(face)) for k in range(len(face)))
-            parts, which = _pulled(cells[mine][:, face], dim - 1, rim)
-            apex = cells[mine[which], corner]
+            parts, which = _pulled(cells[chosen][:, face], dim - 1, rim)
+            apex = cells[chosen[which], corner]
             pieces.append(np.column_stack([apex, parts]))
-            owners.append(mine[which])
+            owners.append(chosen[which])
     owner = np.concatenate(owners)
     order = np.argsort(owner, kind="stable")
     return np.concatenate(pieces)[order], owner[order]

@@ -62,27 +62,27 @@ def read(path: Path) -> Any:
         said = done.stderr.decode(errors="replace").strip().splitlines()
         raise ValueError(said[-1] if said else "its reader failed")
     cells: list[tuple[str, Any]] = []
-    found: dict[str, Any] = {"points": np.zeros((0, 3)), "cell_data": {}, "cell_sets": {}, "field_data": {}}
-    found["point_sets"] = {}
+    arrays_by_name: dict[str, Any] = {"points": np.zeros((0, 3)), "cell_data": {}, "cell_sets": {}, "field_data": {}}
+    arrays_by_name["point_sets"] = {}
     with np.load(io.BytesIO(done.stdout), allow_pickle=False) as content:
         for key in content:
-            what, number, name = (*key.split(" ", 2), "", "")[:3]
-            if what == "points":
-                found["points"] = content[key]
-            elif what == "cells":
+            key_kind, number, name = (*key.split(" ", 2), "", "")[:3]
+            if key_kind == "points":
+                arrays_by_name["points"] = content[key]
+            elif key_kind == "cells":
                 cells.append((name, content[key]))
-            elif what in ("cell_data", "cell_sets"):
-                found[what].setdefault(name, {})[int(number)] = content[key]
+            elif key_kind in ("cell_data", "cell_sets"):
+                arrays_by_name[key_kind].setdefault(name, {})[int(number)] = content[key]
             else:
-                found[what][name] = content[key]
+                arrays_by_name[key_kind][name] = content[key]
     none = np.zeros(0, dtype=np.int64)
-    for name, parts in found["cell_sets"].items():
-        found["cell_sets"][name] = [parts.get(k, none) for k in range(len(cells))]
-    for name, parts in found["cell_data"].items():
-        found["cell_data"][name] = [
+    for name, parts in arrays_by_name["cell_sets"].items():
+        arrays_by_name["cell_sets"][name] = [parts.get(k, none) for k in range(len(cells))]
+    for name, parts in arrays_by_name["cell_data"].items():
+        arrays_by_name["cell_data"][name] = [
             parts.get(k, np.zeros(len(block), dtype=np.int64)) for k, (_, block) in enumerate(cells)
         ]
-    return meshio.Mesh(found.pop("points"), cells, **found)
+    return meshio.Mesh(arrays_by_name.pop("points"), cells, **arrays_by_name)
 
 
 def _is_gmsh(path: Path) -> bool:

@@ -54,8 +54,8 @@ def facet_numbers(mesh: Mesh, facets: Longs) -> Longs:
     own = np.sort(mesh.facets.T.astype(np.int64), axis=1)
     both = np.concatenate([own, np.sort(facets, axis=1)])
     first, same = unique_rows(both)
-    found = first[same[len(own) :]]
-    return np.where(found < len(own), found, -1)
+    numbers = first[same[len(own) :]]
+    return np.where(numbers < len(own), numbers, -1)
 
 
 def parts_of(mesh: Mesh) -> list[str]:

@@ -85,9 +85,9 @@ def mend(raw: Raw, join: bool = False) -> Mended:
     boundaries = _boundaries(mesh, number[facets] if len(facets) else facets, facet_marks, notes)
     for name, chosen in raw.points_of.items():
         if name not in boundaries:
-            found = _between(mesh, number[merged[chosen]])
-            if len(found):
-                boundaries[name] = found
+            numbers = _between(mesh, number[merged[chosen]])
+            if len(numbers):
+                boundaries[name] = numbers
     subdomains = {name: np.flatnonzero(is_of).astype(np.int32) for name, is_of in marks.items() if is_of.any()}
     for name in raw.tags:
         if name not in subdomains and name not in boundaries:
@@ -98,8 +98,8 @@ def mend(raw: Raw, join: bool = False) -> Mended:
     return Mended(mesh.with_subdomains(subdomains) if subdomains else mesh, tuple(notes))
 
 
-def _some(count: int, one: str, more: str | None = None) -> str:
-    return f"{count} {one if count == 1 else more or one + 's'}"
+def _some(count: int, noun: str, more: str | None = None) -> str:
+    return f"{count} {noun if count == 1 else more or noun + 's'}"
 
 
 def _was(count: int) -> str:
@@ -144,7 +144,7 @@ def _collect(raw: Raw, dim: int, merged: Longs, notes: list[str]) -> tuple[Longs
     """All cells of a dimension as simplices, (n, dim + 1), and which of them each group has."""
     pieces = [np.empty((0, dim + 1), dtype=np.int64)]
     marks: dict[str, list[Bools]] = {name: [np.zeros(0, dtype=bool)] for name in raw.tags}
-    straight, cut, made = Counter[str](), Counter[str](), Counter[str]()
+    straight, cut, counts = Counter[str](), Counter[str](), Counter[str]()
     for k, (name, cells) in enumerate(raw.blocks):
         kind, of_dim, quadratic = kind_of(name)
         if of_dim != dim or not len(cells):
@@ -154,17 +154,17 @@ def _collect(raw: Raw, dim: int, merged: Longs, notes: list[str]) -> tuple[Longs
             straight[name] += len(cells)
         if kind not in ("line", "triangle", "tetra"):
             cut[kind] += len(cells)
-            made[kind] += len(simplices)
+            counts[kind] += len(simplices)
         pieces.append(simplices)
         for tag, blocks in raw.tags.items():
-            has, some = np.zeros(len(cells), dtype=bool), blocks[k] if k < len(blocks) else None
-            if some is not None and len(some):
-                has[some] = True
+            has, block = np.zeros(len(cells), dtype=bool), blocks[k] if k < len(blocks) else None
+            if block is not None and len(block):
+                has[block] = True
             marks[tag].append(has[owner])
     for name, count in straight.items():
         notes.append(f"{_some(count, name + ' element')} lost the middle nodes: elements are straight here")
     for kind, count in cut.items():
-        into = _some(made[kind], _NAMES[dim]).replace("drons", "dra")
+        into = _some(counts[kind], _NAMES[dim]).replace("drons", "dra")
         notes.append(f"{_some(count, kind + ' element')} {_was(count)} cut into {into}")
     return np.concatenate(pieces), {tag: np.concatenate(parts) for tag, parts in marks.items()}
 
@@ -214,12 +214,12 @@ def _boundaries(mesh: Mesh, facets: Longs, marks: dict[str, Bools], notes: list[
     for name, has in marks.items():
         if not has.any():
             continue
-        found = np.unique(number[has & (number >= 0)])
+        values = np.unique(number[has & (number >= 0)])
         stray = int((has & (number < 0)).sum())
         if stray:
             notes.append(f"{_some(stray, 'facet')} of the group {name!r}, of no element, {_was(stray)} left out")
-        if len(found):
-            out[name] = found.astype(np.int32)
+        if len(values):
+            out[name] = values.astype(np.int32)
     return out
 
 

@@ -63,12 +63,12 @@ def read_mesh(path: Path, scale: float = 1.0, join: bool = False) -> Mesh:
         reason = " ".join((said.getvalue() or str(error)).split())
         raise ValueError(f"{name} cannot be read as a mesh: {reason}") from None
     try:
-        found = mend(raw, join)
+        mended = mend(raw, join)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
-    for note in found.notes:
+    for note in mended.notes:
         _log.warning("mesh %s: %s", name, note)
-    return found.mesh
+    return mended.mesh
 
 
 def check_cells(content: Any) -> None:

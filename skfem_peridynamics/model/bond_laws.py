@@ -70,10 +70,10 @@ def _of_materials(
         common = near & far
         return np.where(common > 0, common, near | far)
 
-    found: list[Longs] = [np.unique(sets(part)) for part in bonds.parts]
-    for one in np.unique(np.concatenate(found)):
-        members = [k for k in range(len(laws)) if one >> k & 1]
-        yield composite.mixed(laws, members), lambda part, one=one: np.flatnonzero(sets(part) == one)  # type: ignore[misc]
+    sets_of_parts: list[Longs] = [np.unique(sets(part)) for part in bonds.parts]
+    for materials in np.unique(np.concatenate(sets_of_parts)):
+        members = [k for k in range(len(laws)) if materials >> k & 1]
+        yield composite.mixed(laws, members), lambda part, materials=materials: np.flatnonzero(sets(part) == materials)  # type: ignore[misc]
 
 
 def _no_fail_samples(bonds: BondBasis, no_fail: npt.ArrayLike) -> Floats:

@@ -38,7 +38,7 @@ class BondState:
 
     def work_of_last(self, du: Floats) -> float:
         """Return the work that what broke last would have done against a displacement, (nsamples, dim)."""
-        return float(sum(np.vdot(one.pull, one.C @ du[one.window]) for one in self.last))
+        return float(sum(np.vdot(group.pull, group.C @ du[group.window]) for group in self.last))
 
     @property
     def count(self) -> int:
@@ -106,7 +106,9 @@ class Breaking(Peridynamics):
     @property
     def cut(self) -> float:
         """The measures that the broken bonds had, summed."""
-        parts = [block.some(np.sort(one)).k.sum() for block, one in zip(self.blocks, self.state.broken, strict=True)]
+        parts = [
+            block.some(np.sort(numbers)).k.sum() for block, numbers in zip(self.blocks, self.state.broken, strict=True)
+        ]
         return float(sum(parts))
 
     def force_and_break(self, u: Floats) -> Floats:
@@ -121,27 +123,28 @@ class Breaking(Peridynamics):
     def _note(self, v: Floats, broken: Sequence[tuple[Block, Longs]]) -> None:
         number = {id(block): k for k, block in enumerate(self.blocks)}
         for block, which in broken:
-            some = self._count(number[id(block)], which)
-            C, p, k = some.incidence(), some.directions(), some.k
-            T = np.einsum("nd,nd->n", C @ v[some.window], p)
-            pull = (k * some.law.gradient(T))[:, None] * p
-            self.state.last.append(Broken(C, some.window, pull))
-            self.state.energy += float(k @ some.law.energy(T))
+            broken_bonds = self._count(number[id(block)], which)
+            C, p, k = broken_bonds.incidence(), broken_bonds.directions(), broken_bonds.k
+            T = np.einsum("nd,nd->n", C @ v[broken_bonds.window], p)
+            pull = (k * broken_bonds.law.gradient(T))[:, None] * p
+            self.state.last.append(Broken(C, broken_bonds.window, pull))
+            self.state.energy += float(k @ broken_bonds.law.energy(T))
 
     def _count(self, k: int, which: Longs) -> Block:
         """Count bonds of a block as broken; return them as a block of their own."""
-        state, some = self.state, self.blocks[k].some(which)
+        state, broken_bonds = self.state, self.blocks[k].some(which)
         state.broken[k] = np.concatenate([state.broken[k], which])
-        C = some.incidence(1.0)
-        np.add.at(state.lost, C.indices + some.window.start, C.data)
-        return some
+        C = broken_bonds.incidence(1.0)
+        np.add.at(state.lost, C.indices + broken_bonds.window.start, C.data)
+        return broken_bonds
 
     def recall(self, broken: Sequence[Longs] | None) -> None:
         """Break the listed bonds, block by block: the state of an earlier run. Raises ``ValueError`` if none fit."""
         broken = self._whole().broken if broken is None else broken
         fits = len(broken) == len(self.blocks) and all(
-            len(one) == 0 or (0 <= one.min() <= one.max() < len(block.k) and len(np.unique(one)) == len(one))
-            for one, block in zip(broken, self.blocks, strict=True)
+            len(numbers) == 0
+            or (0 <= numbers.min() <= numbers.max() < len(block.k) and len(np.unique(numbers)) == len(numbers))
+            for numbers, block in zip(broken, self.blocks, strict=True)
         )
         if not fits:
             raise ValueError("the broken bonds of the state to start from are not bonds of this body")
@@ -149,10 +152,10 @@ class Breaking(Peridynamics):
             known = np.sort(known)
             block.k[known] = block.some(known).k
         self.__dict__["state"] = self._whole()
-        for k, one in enumerate(broken):
-            if len(one):
-                self._count(k, np.asarray(one, dtype=np.int64))
-                self.blocks[k].k[one] = 0.0
+        for k, numbers in enumerate(broken):
+            if len(numbers):
+                self._count(k, np.asarray(numbers, dtype=np.int64))
+                self.blocks[k].k[numbers] = 0.0
 
     def _whole(self) -> BondState:
         return BondState([np.zeros(0, dtype=np.int64) for _ in self.blocks], np.zeros(self.bonds.samples.nsamples))

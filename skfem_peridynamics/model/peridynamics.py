@@ -213,17 +213,17 @@ class Peridynamics:
     def assemble(self, weights: Sequence[Floats]) -> Csr:
         size = self.basis.N
         total = sparse.csr_matrix((size, size))
-        rows, cols, values, held = [], [], [], 0
+        rows, cols, values, entries = [], [], [], 0
         for block, weight in zip(self.blocks, weights, strict=True):
             number, B, XT = self._at_vertices(block)
             local = (XT @ sparse.csr_matrix(B.multiply(weight[:, None]))).tocoo()
             rows.append(number[local.row])
             cols.append(number[local.col])
             values.append(local.data)
-            held += local.nnz
-            if held > max(8_000_000, total.nnz):  # merge before the parts outgrow what they merge into
+            entries += local.nnz
+            if entries > max(8_000_000, total.nnz):  # merge before the parts outgrow what they merge into
                 total = total + _csr(rows, cols, values, size)
-                rows, cols, values, held = [], [], [], 0
+                rows, cols, values, entries = [], [], [], 0
         K = total + _csr(rows, cols, values, size) if rows else total
         if self.symmetric:  # round-off of the summation order, so that K equals its transpose
             K = sparse.csr_matrix((K + K.T) * 0.5)

@@ -71,8 +71,8 @@ def check_rigid(body: Peridynamics) -> None:
     """
     bonds = body.bonds
     p = bonds.mesh.p
-    held = vertex_stiffness(body)
-    least, most = np.linalg.eigvalsh(held)[:, [0, -1]].T
+    stiffness = vertex_stiffness(body)
+    least, most = np.linalg.eigvalsh(stiffness)[:, [0, -1]].T
     floppy = np.flatnonzero((least <= _NOTHING * most) & (most > 0.0))
     if bonds.vertex_weight is None and len(floppy):
         where = ", ".join(f"{x:g}" for x in p[:, floppy[0]])
@@ -103,8 +103,8 @@ def check_supported(body: Peridynamics, prescribed: Longs) -> None:
     for part in range(int(part_of.max()) + 1):
         vertices = np.flatnonzero(part_of == part)
         modes = rigid_modes(mesh.p[:, vertices])
-        held = modes[fixed.reshape(-1, dim)[vertices].ravel()]
-        rank = int(np.linalg.matrix_rank(held, tol=1e-9)) if held.size else 0
+        moved = modes[fixed.reshape(-1, dim)[vertices].ravel()]
+        rank = int(np.linalg.matrix_rank(moved, tol=1e-9)) if moved.size else 0
         if rank < modes.shape[1]:
             where = ", ".join(f"{x:g}" for x in mesh.p[:, vertices[0]])
             raise ValueError(

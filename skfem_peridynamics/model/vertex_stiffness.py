@@ -30,7 +30,7 @@ def vertex_stiffness(body: Peridynamics, weights: Sequence[Floats] | None = None
     A = np.zeros((samples.nsamples, dim * dim))
     given = [None] * len(body.blocks) if weights is None else list(weights)
 
-    def hung(job: tuple[Block, Floats | None]) -> Floats:
+    def of_block(job: tuple[Block, Floats | None]) -> Floats:
         block, weight = job
         p = block.directions()
         if weight is None:
@@ -38,11 +38,11 @@ def vertex_stiffness(body: Peridynamics, weights: Sequence[Floats] | None = None
         C = block.incidence(1.0)
         if not body.symmetric:
             C, weight = _only_x(C), 2.0 * weight
-        what: Floats = C.T @ (weight[:, None] * np.einsum("na,nb->nab", p, p).reshape(len(p), -1))
-        return what
+        spread: Floats = C.T @ (weight[:, None] * np.einsum("na,nb->nab", p, p).reshape(len(p), -1))
+        return spread
 
     jobs = list(zip(body.blocks, given, strict=True))
-    for block, part in zip(body.blocks, body.pool.map(hung, jobs), strict=True):
+    for block, part in zip(body.blocks, body.pool.map(of_block, jobs), strict=True):
         A[block.window] += part
     return samples.spread(A).reshape(-1, dim, dim)
 
@@ -53,8 +53,8 @@ def vertex_stiffness_scale(body: Peridynamics) -> Floats:
     Where there is none it is the smallest that there is.
     """
     of_vertex = np.trace(vertex_stiffness(body), axis1=1, axis2=2)
-    some = of_vertex > 0.0
-    of_vertex[~some] = of_vertex[some].min(initial=1.0)
+    stiff = of_vertex > 0.0
+    of_vertex[~stiff] = of_vertex[stiff].min(initial=1.0)
     return np.repeat(of_vertex, body.bonds.dim)
 
 

@@ -112,11 +112,11 @@ def nodal_bounds(body: Peridynamics, m: Floats, weights: Sequence[Floats] | None
     ``weights`` are those of another state than rest, none of them negative.
     """
     scale = 1.0 / np.sqrt(m.reshape(-1, body.bonds.dim))
-    held = vertex_stiffness(body, weights) * scale[:, :, None] * scale[:, None, :]
-    trace = float(2.0 * np.trace(held, axis1=1, axis2=2).max())
+    scaled = vertex_stiffness(body, weights) * scale[:, :, None] * scale[:, None, :]
+    trace = float(2.0 * np.trace(scaled, axis1=1, axis2=2).max())
     if not body.symmetric:
         return trace, trace
-    return float(2.0 * np.linalg.eigvalsh(held)[:, -1].max()), trace
+    return float(2.0 * np.linalg.eigvalsh(scaled)[:, -1].max()), trace
 
 
 def largest_eigenvalue(

@@ -66,7 +66,7 @@ def check_fixed(fixed: Sequence[Prescribed], size: int) -> Longs:
     """Return all prescribed degrees of freedom. Raises ``ValueError`` when one is out of range or prescribed twice."""
     if not fixed:
         return np.empty(0, dtype=np.int64)
-    every = np.concatenate([one.dofs for one in fixed])
+    every = np.concatenate([prescribed.dofs for prescribed in fixed])
     if every.min() < 0 or every.max() >= size:
         raise ValueError(f"a prescribed degree of freedom, {every.max()}, is not among the {size} of the basis")
     unique, count = np.unique(every, return_counts=True)

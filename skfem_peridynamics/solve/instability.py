@@ -57,8 +57,8 @@ class Watch:
 
         ``energies`` are those of the state, where they are known.
         """
-        what = self._complaint(state, energies)
-        if what is None:
+        complaint = self._complaint(state, energies)
+        if complaint is None:
             self.good = state.copy()
             return
         known = ""
@@ -66,7 +66,7 @@ class Watch:
             known = f", which is {state.dt / self.limit.dt:.4g} times the stable limit {self.limit.dt:.6g}"
         vertex, place = _place(state)
         raise UnstableRun(
-            f"the run became unstable by step {state.step} (t = {state.t:.6g}){place}: {what}; "
+            f"the run became unstable by step {state.step} (t = {state.t:.6g}){place}: {complaint}; "
             f"dt = {state.dt:.6g}{known}. {self._cause(state)}",
             self.good,
             state.step,
@@ -95,9 +95,9 @@ class Watch:
         """The limit of the tangent, at the last good state or where the run is now: the smaller one."""
         mass = state._mass
         tangent = TangentLimit(state._body, mass.m if isinstance(mass, Lumped) else mass.M)
-        some = [one.u for one in (self.good, state) if one is not None and np.isfinite(one.u).all()]
+        displacements = [known.u for known in (self.good, state) if known is not None and np.isfinite(known.u).all()]
         with np.errstate(all="ignore"), contextlib.suppress(ValueError):  # numbers too large for an eigenvalue
-            return min((tangent.at(u) for u in some), default=np.inf)
+            return min((tangent.at(u) for u in displacements), default=np.inf)
         return float(np.inf)
 
     def _complaint(self, state: State, energies: Energies | None) -> str | None:

@@ -120,11 +120,11 @@ class _Step:
     def begin(self, dt: float, u: Floats, v: Floats, b: Floats | None) -> Floats:
         """Put prescribed values into u and v at t = 0; return the acceleration there."""
         given = np.zeros(len(u))
-        for one in self.fixed:
-            place = one.start(0.0)
+        for prescribed in self.fixed:
+            place = prescribed.start(0.0)
             if place is not None:
-                u[one.dofs] = place
-            v[one.dofs] = one.mean_velocity(0.0, dt)
+                u[prescribed.dofs] = place
+            v[prescribed.dofs] = prescribed.mean_velocity(0.0, dt)
         total = self.body.force(u) if b is None else self.body.force(u) + b
         a = self.mass.solve(total - self.mass.times(given))
         a[self.prescribed] = 0.0
@@ -136,22 +136,22 @@ class _Step:
         shift = 1.0 / (beta * dt**2)
         centre = u + dt * v + (0.5 - beta) * dt**2 * a
         u1, v1, a1 = u.copy(), v.copy(), a.copy()
-        for one in self.fixed:
-            before, after = one.mean_velocity(t, t + dt), one.mean_velocity(t + dt, t + 2.0 * dt)
-            u1[one.dofs] += dt * before
-            v1[one.dofs], a1[one.dofs] = 0.5 * (before + after), (after - before) / dt
+        for prescribed in self.fixed:
+            before, after = prescribed.mean_velocity(t, t + dt), prescribed.mean_velocity(t + dt, t + 2.0 * dt)
+            u1[prescribed.dofs] += dt * before
+            v1[prescribed.dofs], a1[prescribed.dofs] = 0.5 * (before + after), (after - before) / dt
         centre[fixed] = u1[fixed] - a1[fixed] / shift  # their inertia is then what it is
         stiffness = self.held + shift * self.mass.times(np.ones(len(u)))
         objective = Objective(self.body, self.inverse.free, stiffness, b, shift, self.mass, centre)
         coasting = u + dt * v
         coasting[fixed] = u1[fixed]
         # from where it is, or from where it would be on its own: a wild guess breaks bonds
-        guess = min(u1, coasting, key=lambda one: objective.value(one)[0])
-        found = minimise(objective, guess, self.inverse, tolerance=self.tolerance, effort=self.effort, most=_MOST)
-        accelerated = shift * (found - centre)
+        guess = min(u1, coasting, key=lambda prescribed: objective.value(prescribed)[0])
+        u_next = minimise(objective, guess, self.inverse, tolerance=self.tolerance, effort=self.effort, most=_MOST)
+        accelerated = shift * (u_next - centre)
         velocity = v + dt * ((1.0 - gamma) * a + gamma * accelerated)
         velocity[fixed], accelerated[fixed] = v1[fixed], a1[fixed]
-        return found, velocity, accelerated
+        return u_next, velocity, accelerated
 
     def again(self, u: Floats, a: Floats, b: Floats | None) -> Floats:
         """Return the acceleration at u, where bonds have just broken."""

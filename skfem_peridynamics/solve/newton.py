@@ -87,10 +87,10 @@ class Objective:
         extent = float(np.abs(u).max(initial=0.0))
         if self.centre is not None:
             extent = max(extent, float(np.abs(self.centre).max(initial=0.0)))
-        held = self.stiffness[self.free]
-        floor = _EPS * extent * self._sizes(held, held)
+        scale = self.stiffness[self.free]
+        floor = _EPS * extent * self._sizes(scale, scale)
         allowed = np.maximum(np.maximum(tolerance * sizes, floor), np.finfo(float).tiny)
-        return float((self._sizes(g, held) / allowed).max())
+        return float((self._sizes(g, scale) / allowed).max())
 
     def hessian(self, u: Floats) -> Callable[[Floats], Floats]:
         """Return the product with the Hessian on the free unknowns."""
@@ -147,7 +147,7 @@ def _descend(
 
     The unknowns are scaled to a unit diagonal, so that the residual that SciPy's CG looks at is one of soft parts too.
     """
-    found: list[Floats] = []
+    candidates: list[Floats] = []
     so_far: list[Floats] = [np.zeros_like(g)]
     before, root = effort.products, np.sqrt(stiffness)
 
@@ -155,7 +155,7 @@ def _descend(
         effort.products += 1
         Ap = apply(p / root) / root
         if not float(p @ Ap) > 0.0 and p.any():
-            found.append(p.copy())
+            candidates.append(p.copy())
             raise _Negative
         return Ap
 
@@ -169,7 +169,7 @@ def _descend(
         d, _ = cg(A, -g / root, rtol=rtol, maxiter=_INNER, M=P, callback=keep)
     except _Negative:
         effort.negative += 1
-        p, x = found[0], so_far[0]
+        p, x = candidates[0], so_far[0]
         if not x.any():
             return p / root, True, effort.products - before
         # down along p as well, as far again as the positive part went

@@ -72,8 +72,8 @@ def static(
             f"rule = {body.bonds.rule.name}: its force is the gradient of no energy, and an equilibrium is the minimum "
             "of one; take a symmetric rule"
         )
-    for one in fixed:
-        if one.displacement is None:
+    for motion in fixed:
+        if motion.displacement is None:
             raise ValueError("a body at rest has no velocity: prescribe the displacement, as a function of t")
     prescribed = check_fixed(fixed, size)
     check_rigid(body.whole)
@@ -111,10 +111,10 @@ class _Path:
 
     def place(self, t: float, u: Floats) -> None:
         """Put prescribed displacements into u."""
-        for one in self.fixed:
-            there = one.start(t)
+        for prescribed in self.fixed:
+            there = prescribed.start(t)
             if there is not None:
-                u[one.dofs] = there
+                u[prescribed.dofs] = there
 
     def first(self, u: Floats, b: Floats | None) -> Floats:
         """Return the equilibrium at t = 0."""
@@ -188,8 +188,8 @@ class _Path:
 
     def reaction(self, u: Floats, b: Floats | None) -> Floats:
         out = np.zeros(len(u))
-        for one in self.fixed:
-            out[one.dofs] = -self.body.force(u)[one.dofs] - (0.0 if b is None else b[one.dofs])
+        for prescribed in self.fixed:
+            out[prescribed.dofs] = -self.body.force(u)[prescribed.dofs] - (0.0 if b is None else b[prescribed.dofs])
         return out
 
 

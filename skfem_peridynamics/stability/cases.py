@@ -48,7 +48,7 @@ def run_cases(names: Sequence[str], quick: bool, report: Callable[[Verdict], Non
     """
     verdicts = Verdicts(report)
     for name in names:
-        for one in CASES[name].runs:
-            with reported(verdicts, name, one.__name__.replace("_", " "), "runs to its end"):
-                one(verdicts, quick)
+        for case in CASES[name].runs:
+            with reported(verdicts, name, case.__name__.replace("_", " "), "runs to its end"):
+                case(verdicts, quick)
     return verdicts

@@ -62,8 +62,8 @@ def around_the_limit(verdicts: Verdicts, quick: bool) -> None:
                                 "limit", f"{where}, {factor}", must, worst if not said else np.inf, BROKEN_BEYOND
                             )
                         else:
-                            found = re.search(r"by step (\d+) .*times the stable limit", said)
-                            at = int(found.group(1)) if found else np.inf
+                            match = re.search(r"by step (\d+) .*times the stable limit", said)
+                            at = int(match.group(1)) if match else np.inf
                             must = "stopped by step, message with step and limit"
                             verdicts.add("limit", f"{where}, {factor}", must, at, STEPS)
             if dim == 1 or not quick:

@@ -49,8 +49,8 @@ def _pulled(body: Peridynamics, until: float, width: float) -> list[Prescribed]:
     """Hold the left end, and move the right end as a course of time says."""
     x, dim = body.bonds.mesh.p[0], body.bonds.dim
 
-    def dofs(some: Longs) -> Longs:
-        return np.asarray((some[:, None] * dim + np.arange(dim)).ravel())
+    def dofs(vertices: Longs) -> Longs:
+        return np.asarray((vertices[:, None] * dim + np.arange(dim)).ravel())
 
     left, right = np.flatnonzero(x < width), np.flatnonzero(x > 1.0 - width)
     along = np.tile(np.eye(dim)[0], len(right))
@@ -74,17 +74,17 @@ def scenes(quick: bool) -> Iterator[Scene]:
     horizon = 4.0 / n
     stone = Material.from_elastic(lame=1.0, toughness=1.0, density=1.0, plane="strain")  # waves take 0.6 to cross it
 
-    def made(name: str, mesh: object, material: Composite, until: float, statics: bool = False) -> Scene:
+    def scene_of(name: str, mesh: object, material: Composite, until: float, statics: bool = False) -> Scene:
         body = Peridynamics(BondBasis(vector_basis(mesh), horizon), material)
         M = mass_matrix(body.basis, density=material.density_on(mesh))
         return Scene(name, body, M, until, _pulled(body, until, 1.01 / n), statics=statics)
 
-    one = Composite(stone)
+    uniform = Composite(stone)
     contrast = 1e3 if quick else 1e4
     stiff = Composite(stone, {"stiff": stone.with_(lame=contrast)})
     mesh = unit_box(2, n)
     inside = (np.abs(mesh.p[:, mesh.t].mean(axis=1) - 0.5) < 0.2).all(axis=0)
-    yield made(
+    yield scene_of(
         f"an inclusion {contrast:.0e} times as stiff",
         mesh.with_subdomains({"stiff": np.flatnonzero(inside)}),
         stiff,
@@ -92,9 +92,9 @@ def scenes(quick: bool) -> Iterator[Scene]:
     )
     axis = np.linspace(0.0, 1.0, n + 1)
     thin = skfem.MeshTri.init_tensor(axis, axis_with_a_twin(n, 1e-4))
-    yield made("a row of elements 1e-4 thin", thin, one, 4.0)
-    yield made("pulled in 40 crossings", unit_box(2, n), one, 24.0, statics=True)
-    yield made("waves", unit_box(2, n), one, 1.0)
+    yield scene_of("a row of elements 1e-4 thin", thin, uniform, 4.0)
+    yield scene_of("pulled in 40 crossings", unit_box(2, n), uniform, 24.0, statics=True)
+    yield scene_of("waves", unit_box(2, n), uniform, 1.0)
     if not quick:
         yield _torn(40)
 

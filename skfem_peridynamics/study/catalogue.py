@@ -64,7 +64,7 @@ def contestants(dim: int, quick: bool) -> list[Contestant]:
             fixed(Discretisation(BallRule(3, 1, symmetric=False))),
         ]
     if dim == 2:
-        some = [
+        usual = [
             *pairs,
             gauss,
             fixed(Discretisation(BallRule(3, 8)), 8.1),
@@ -74,9 +74,9 @@ def contestants(dim: int, quick: bool) -> list[Contestant]:
             fixed(Discretisation(BallRule(4, 12, "vertices", symmetric=False)), 8.1),
         ]
         if quick:
-            return some
+            return usual
         return [
-            *some,
+            *usual,
             fixed(Discretisation(BallRule(3, 8), mass="lumped"), 8.1),
             fixed(Discretisation(BallRule(4, 12), balanced=True), 6.1),
             fixed(Discretisation(BallRule(5, 16), balanced=True), 8.1),
@@ -183,18 +183,18 @@ STUDIES: dict[str, Study] = {
 def run_study(name: str, quick: bool, report: Report, keep: Callable[[Result], None] | None = None) -> Result:
     """Run a study by its name; ``keep`` gets the rows so far. Raises ``KeyError`` for another name."""
     study = STUDIES[name]
-    result = Result(name, study.what, quick)
+    outcome = Result(name, study.what, quick)
     if study.comparison is not None:
         for row in study.comparison.run(name, quick, report):
-            result.rows.append(row)
+            outcome.rows.append(row)
             if keep is not None:
-                keep(result)
+                keep(outcome)
     elif name == "local-2d":
         from .theorems import local_tables
 
-        result.tables = local_tables(quick, report)
+        outcome.tables = local_tables(quick, report)
     else:
         from .theorems import theorem_tables
 
-        result.tables = theorem_tables(quick, report)
-    return result
+        outcome.tables = theorem_tables(quick, report)
+    return outcome

@@ -133,21 +133,21 @@ def choose(
         return Choice(scheme, f"{scheme.name}: bonds may break, and of all rules vertex pairs cost G_c, on {kind} mesh")
     wanted = DEFAULT_TOLERANCE if tolerance is None else tolerance
     lines = [x for x in measured or table() if x.dim == dim and (x.mesh != "regular") == irregular]
-    found: list[tuple[float, float, Discretisation]] = []
+    predicted: list[tuple[float, float, Discretisation]] = []
     for scheme in CANDIDATES[dim]:
-        mine = sorted((x for x in lines if x.scheme == scheme.name), key=lambda x: x.per_horizon)
-        if not mine or (scheme.balanced and m < 0.9 * mine[0].per_horizon):
+        measurements = sorted((x for x in lines if x.scheme == scheme.name), key=lambda x: x.per_horizon)
+        if not measurements or (scheme.balanced and m < 0.9 * measurements[0].per_horizon):
             continue
-        error, setup, step = (_at(mine, name, m) for name in ("error", "setup", "step"))
-        found.append((error, setup + steps * step, scheme))
-    if not found:
+        error, setup, step = (_at(measurements, name, m) for name in ("error", "setup", "step"))
+        predicted.append((error, setup + steps * step, scheme))
+    if not predicted:
         return Choice(CLASSICAL, f"{CLASSICAL.name}: nothing is measured in {dim}D on {kind} mesh")
-    good = [x for x in found if x[0] <= wanted]
+    good = [x for x in predicted if x[0] <= wanted]
     at = f"{m:.3g} vertices per horizon, {kind} mesh, about {steps:.3g} steps"
     if good:
         error, _, scheme = min(good, key=lambda x: x[1])
         return Choice(scheme, f"{scheme.name}: the cheapest that is to meet {wanted:g} ({error:.1e}) at {at}", error)
-    error, _, scheme = min(found, key=lambda x: x[0])
+    error, _, scheme = min(predicted, key=lambda x: x[0])
     return Choice(scheme, f"{scheme.name}: none is to meet {wanted:g} at {at}; this comes closest ({error:.1e})", error)
 
 

@@ -153,11 +153,11 @@ def force_moments(
     here = field(points)
     own = None if boundary is None else boundary(points)
     out = np.zeros((terms, len(points), dim))
-    for some in rays(points, horizon, order):
-        first, last = int(some.point.min()), int(some.point.max()) + 1
-        total = np.zeros((terms, len(some.e)))
-        for ray, r, weight in _along(some, points, None if boundary is None else horizon, order):
-            point, e = some.point[ray], some.e[ray]
+    for directions in rays(points, horizon, order):
+        first, last = int(directions.point.min()), int(directions.point.max()) + 1
+        total = np.zeros((terms, len(directions.e)))
+        for ray, r, weight in _along(directions, points, None if boundary is None else horizon, order):
+            point, e = directions.point[ray], directions.e[ray]
             there = points[point] + r[:, None] * e
             S = ((field(there) - here[point]) * e).sum(axis=1) / np.maximum(r, 1e-300)
             value = S * J(r / horizon) * r ** (dim - 1) * weight
@@ -165,12 +165,12 @@ def force_moments(
                 value *= boundary(there)
             q = r * S**2
             for k in range(terms):
-                total[k] += value if boundary is None else np.bincount(ray, value, len(some.e))
+                total[k] += value if boundary is None else np.bincount(ray, value, len(directions.e))
                 value = value * q
-        total *= some.weight
+        total *= directions.weight
         for k in range(terms):
             for a in range(dim):
-                sums = np.bincount(some.point - first, total[k] * some.e[:, a], last - first)
+                sums = np.bincount(directions.point - first, total[k] * directions.e[:, a], last - first)
                 out[k, first:last, a] += sums
     if own is not None:
         out *= own[:, None]

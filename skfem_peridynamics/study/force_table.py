@@ -52,9 +52,9 @@ class ForceTable:
         order = np.argsort(grid, axis=1, kind="stable")
         sorted_points = np.take_along_axis(grid, order, axis=1)
         unique, back = np.unique(sorted_points, axis=0, return_inverse=True)
-        found = self.exact(unique) / self.w(unique)[:, None]
+        forces = self.exact(unique) / self.w(unique)[:, None]
         values = np.empty((self.terms, *grid.shape))
-        sorted_values = found[:, back.ravel()]
+        sorted_values = forces[:, back.ravel()]
         for k in range(len(values)):
             np.put_along_axis(values[k], order, sorted_values[k], axis=1)
         return values.reshape(self.terms, *[len(axis)] * self.dim, self.dim)

@@ -58,11 +58,11 @@ class Motion(ABC):
         ``derivative=1`` is for a velocity, relative to omega times the field.
         """
         basis = vector_basis(mesh, intorder=5)
-        found = basis.interpolate(nodal)
+        interpolated = basis.interpolate(nodal)
         x, amplitude = np.asarray(basis.global_coordinates()), self.g(t, derivative)
         scale = self.omega**derivative
         out = []
-        for got, true in ((np.asarray(found), self.at(x)), (np.asarray(found.grad), self.gradient(x))):
+        for got, true in ((np.asarray(interpolated), self.at(x)), (np.asarray(interpolated.grad), self.gradient(x))):
             miss = np.sqrt(((got - amplitude * true) ** 2 * basis.dx).sum())
             out.append(float(miss / (scale * np.sqrt((true**2 * basis.dx).sum()))))
         return out[0], out[1]

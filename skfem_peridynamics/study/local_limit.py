@@ -42,12 +42,12 @@ def distance_to_local(horizon: float, per_horizon: int, rule: Rule, balanced: bo
     local = skfem.BilinearForm(lambda u, v, w: div(u) * div(v) + 2 * ddot(sym_grad(u), sym_grad(v))).assemble(basis)
     load = skfem.LinearForm(lambda v, w: dot(_body_force(w.x), v)).assemble(basis)
     inside = ((mesh.p > 1e-9) & (mesh.p < 1 - 1e-9)).all(axis=0)
-    held, u0 = np.flatnonzero(np.repeat(~inside, 2)), _displacement(mesh.p).T.ravel()
+    dofs, u0 = np.flatnonzero(np.repeat(~inside, 2)), _displacement(mesh.p).T.ravel()
     solutions = []
     for K in (body.stiffness(), local):
-        inner, right, *_ = skfem.condense(K, load, x=u0, D=held)
+        inner, right, *_ = skfem.condense(K, load, x=u0, D=dofs)
         u = u0.copy()
-        u[np.setdiff1d(np.arange(len(u)), held)] = spsolve(inner.tocsc(), right)
+        u[np.setdiff1d(np.arange(len(u)), dofs)] = spsolve(inner.tocsc(), right)
         solutions.append(u)
     M, gap = mass_matrix(basis, kind="consistent"), solutions[0] - solutions[1]
     return float(np.sqrt((gap @ M @ gap) / (solutions[1] @ M @ solutions[1])))

@@ -138,16 +138,16 @@ class Manufactured(Motion):
             for layer in (self.horizon, 2.0 * self.horizon)[: 1 if self.boundary is None else 2]:
                 rough |= (nearest + 2e-9 < layer) & (layer < farthest - 2e-9)
             low, high = (8, 18) if dim < 3 else (4, 6)
-            for some, order in ((np.flatnonzero(rough), high), (np.flatnonzero(~rough), low)):
-                if not len(some):
+            for points, order in ((np.flatnonzero(rough), high), (np.flatnonzero(~rough), low)):
+                if not len(points):
                     continue
-                fine = MakeBasis(mesh, basis.elem, intorder=intorder or order, elements=some)
+                fine = MakeBasis(mesh, basis.elem, intorder=intorder or order, elements=points)
                 x = np.asarray(fine.global_coordinates())
                 at = self.moments(x.reshape(dim, -1).T)
                 form = LinearForm(lambda v, w: dot(w["b"], v))
                 inertia += LinearForm(lambda v, w: dot(self.at(w.x), v)).assemble(fine)
-                for k, one in enumerate(at):
-                    forces[k] += form.assemble(fine, b=one.T.reshape(x.shape))
+                for k, point in enumerate(at):
+                    forces[k] += form.assemble(fine, b=point.T.reshape(x.shape))
         else:
             raise ValueError(f'kind = {kind!r} must be "weak" or "nodal"')
         odd = 2 * np.arange(len(self.series)) + 1

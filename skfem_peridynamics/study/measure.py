@@ -75,8 +75,8 @@ class Setup:
         problem, basis = self.problem, self.basis
         steps = max(1, int(np.ceil(problem.until / dt - 1e-9)))
         shape = basis.project(problem.at) if self.project else problem.field(basis.mesh.p.T).ravel()
-        for one in self.fixed:  # a projection may not move what is held
-            shape[one.dofs] = problem.field(basis.mesh.p.T).ravel()[one.dofs]
+        for prescribed in self.fixed:  # a projection may not move what is held
+            shape[prescribed.dofs] = problem.field(basis.mesh.p.T).ravel()[prescribed.dofs]
         taken, before = [], time.perf_counter()
         for state in central_difference(
             self.body,

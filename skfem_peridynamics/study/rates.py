@@ -34,14 +34,14 @@ def pareto(seconds: Sequence[float], error: Sequence[float]) -> list[int]:
     return out
 
 
-def seconds_to(rows: Sequence[Row], error: float, what: Callable[[Row], float] = lambda row: row.seconds) -> float:
+def seconds_to(rows: Sequence[Row], error: float, cost: Callable[[Row], float] = lambda row: row.seconds) -> float:
     """Return the seconds one scheme needs for an error: log-log between its runs; beyond them, by its last two.
 
     Returns nan where the runs tell nothing: fewer than two, an error that no longer falls, or one more than eight times
     below the last.
     """
     chosen = sorted(rows, key=lambda row: row.n)
-    e, s = np.array([row.error_l2 for row in chosen]), np.array([what(row) for row in chosen])
+    e, s = np.array([row.error_l2 for row in chosen]), np.array([cost(row) for row in chosen])
     if len(e) < 2:
         return float("nan")
     logs = np.log(e), np.log(s)

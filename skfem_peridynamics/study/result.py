@@ -42,7 +42,7 @@ class Result:
         return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
-def rates(rows: Sequence[Row], what: str = "error_l2") -> list[float]:
+def rates(rows: Sequence[Row], attribute: str = "error_l2") -> list[float]:
     """Return the observed orders of one scheme's runs, coarse to fine."""
     chosen = sorted(rows, key=lambda row: row.n)
-    return [float(x) for x in rate([1.0 / row.n for row in chosen], [getattr(row, what) for row in chosen])]
+    return [float(x) for x in rate([1.0 / row.n for row in chosen], [getattr(row, attribute) for row in chosen])]

@@ -235,14 +235,14 @@ def time_table(quick: bool = False) -> Table:
         state, _, _ = setup.run(dt, watch)
         taken.append(state.dt)
         quotient = (before[-1] - before[-2]) / state.dt
-        for what, found, true in (
+        for quantity, observed, true in (
             ("u", state.u, fine.u),
             ("v, full step", state.v, fine.v),
             ("v, the paper's quotient", quotient, fine.v),
         ):
-            errors[what].append(float(np.sqrt(m @ (found - true) ** 2) / np.sqrt(m @ true**2)))
-    for what, values in errors.items():
-        rows.append((what, *values, float(np.polyfit(np.log(taken), np.log(values), 1)[0])))
+            errors[quantity].append(float(np.sqrt(m @ (observed - true) ** 2) / np.sqrt(m @ true**2)))
+    for quantity, values in errors.items():
+        rows.append((quantity, *values, float(np.polyfit(np.log(taken), np.log(values), 1)[0])))
     return "Error of the time step (2D)", ("quantity", *(f"dt = {dt:.3g}" for dt in taken), "order"), rows
 
 
@@ -253,15 +253,15 @@ def horizon_table(quick: bool = False) -> Table:
     for horizon in horizons:
         motion = Manufactured(1, horizon, law_of(1, horizon), table=14)
         constant = time_constant(motion)
-        found = []
+        distances = []
         for scheme in (Discretisation(BallRule(round(4 * n * horizon), 1), balanced=True), CLASSICAL):
             row = measure(motion, "", "regular", unit_box(1, n), n, scheme, constant)
-            found.append((row.error_l2, row.error_h1))
-        errors.append(found)
+            distances.append((row.error_l2, row.error_h1))
+        errors.append(distances)
     for k, label in enumerate(("ball, balanced, consistent mass", "classical pairs, lumped mass")):
-        for j, what in enumerate(("L2", "H1")):
-            values = [found[k][j] for found in errors]
+        for j, norm in enumerate(("L2", "H1")):
+            values = [distances[k][j] for distances in errors]
             exponent = float(np.polyfit(np.log(horizons), np.log(values), 1)[0])
-            rows.append((f"{what}, {label}", *values, exponent))
+            rows.append((f"{norm}, {label}", *values, exponent))
     columns = ("error", *(f"eps = {eps:g}" for eps in horizons), "exponent of eps")
     return f"Errors at h = 1/{n}, 1D (the paper: h^2/eps^2 in L2, conjectured h/eps^(2+alpha) in H1)", columns, rows

@@ -49,8 +49,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _complain(f"a fault of the program, please report it: {type(error).__name__}: {error}", 1)
 
 
-def _complain(what: object, code: int) -> int:
-    print(f"skfem-peridynamics: {' '.join(str(what).split())}", file=sys.stderr)
+def _complain(message: object, code: int) -> int:
+    print(f"skfem-peridynamics: {' '.join(str(message).split())}", file=sys.stderr)
     return code
 
 

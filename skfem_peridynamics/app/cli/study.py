@@ -14,8 +14,8 @@ def study(arguments: argparse.Namespace) -> int:
     from ...study.catalogue import STUDIES, run_study
 
     if arguments.list:
-        for name, one in STUDIES.items():
-            print(f"{name:<10}  {one.what}")
+        for name, entry in STUDIES.items():
+            print(f"{name:<10}  {entry.what}")
         return 0
     if arguments.what is None or arguments.out is None:
         raise SceneError("study needs a name or a scene, and --out DIR; study --list names the studies")

@@ -61,13 +61,13 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
     header["vectors"] = list(vectors)
     with aside(path) as part:
         with open_new(part) as file:
-            made = hashlib.sha256()
+            digest = hashlib.sha256()
             content: list[bytes | memoryview] = [_FIRST, json.dumps(header).encode() + b"\n"]
             content += [np.ascontiguousarray(x, dtype="<f8").data.cast("B") for x in vectors.values()]
-            for one in content:
-                made.update(one)
-                write_all(file, one)
-            write_all(file, made.hexdigest().encode() + b"\n")
+            for piece in content:
+                digest.update(piece)
+                write_all(file, piece)
+            write_all(file, digest.hexdigest().encode() + b"\n")
             os.fsync(file.fileno())
         with contextlib.suppress(FileNotFoundError):
             os.replace(path, folder / OLDER)
@@ -112,15 +112,15 @@ def _read(file: IO[bytes], size: int) -> Checkpoint:
 
 
 def _check_sum(file: IO[bytes], size: int) -> None:
-    made, left = hashlib.sha256(), size - _SUM
+    digest, left = hashlib.sha256(), size - _SUM
     file.seek(0)
     while left > 0:
-        some = file.read(min(left, 1 << 20))
-        if not some:
+        chunk = file.read(min(left, 1 << 20))
+        if not chunk:
             break
-        made.update(some)
-        left -= len(some)
-    if file.read(_SUM + 1) != made.hexdigest().encode() + b"\n":
+        digest.update(chunk)
+        left -= len(chunk)
+    if file.read(_SUM + 1) != digest.hexdigest().encode() + b"\n":
         raise DamagedCheckpoint("its checksum does not match what it holds")
 
 
@@ -135,15 +135,15 @@ def latest(folder: Path, tell: Callable[[str], None]) -> Checkpoint | None:
         if not path.is_symlink() and not path.exists():
             continue
         try:
-            found = read_checkpoint(path)
+            checkpoint = read_checkpoint(path)
         except DamagedCheckpoint as error:
             damaged.append(str(error))
             continue
-        for one in damaged:
-            tell(f"{one}; going on from the older one, of step {found.state.step}")
+        for message in damaged:
+            tell(f"{message}; going on from the older one, of step {checkpoint.state.step}")
             with contextlib.suppress(OSError):  # the next one must not take the place of the one that is whole
                 (folder / NAME).unlink()
-        return found
+        return checkpoint
     if damaged:
         raise DamagedCheckpoint(f"{damaged[0]}, and there is no other; remove it to start afresh")
     return None

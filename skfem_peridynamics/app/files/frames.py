@@ -93,20 +93,20 @@ class Frames:
 
         mesh = self.basis.mesh
         n, dim = mesh.nvertices, mesh.dim()
-        data = {}
+        point_data = {}
         for name, values in fields.items():
             values = np.asarray(values)
             if values.shape == (n * dim,) and (dim > 1 or name in ("displacement", "velocity")):
                 values = np.pad(values.reshape(n, dim), ((0, 0), (0, 3 - dim)))
             elif values.shape not in ((n,), (n, 6)):
                 raise ValueError(f"field {name!r} has shape {values.shape}; it needs ({n},), ({n * dim},) or ({n}, 6)")
-            data[name] = _single(values)
+            point_data[name] = _single(values)
         points = np.pad(mesh.p.T, ((0, 0), (0, 3 - dim)))
         path = Path(self.folder) / frame_name(len(self.times))
         cells = [(_CELLS[dim], np.ascontiguousarray(mesh.t.T, dtype=np.int32))]
         with aside(path) as part:
-            meshio.Mesh(points, cells, point_data=data).write(part, file_format="vtu")
-            _note_units(part, {name: self.units.of(name) for name in data if name in KNOWN})
+            meshio.Mesh(points, cells, point_data=point_data).write(part, file_format="vtu")
+            _note_units(part, {name: self.units.of(name) for name in point_data if name in KNOWN})
         self.times.append(t)
         list_frames(Path(self.folder), self.times)
         return path

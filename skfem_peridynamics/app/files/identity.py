@@ -44,7 +44,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Formula):
         return value.text
     if dataclasses.is_dataclass(value):
-        fields = ((one.name, getattr(value, one.name)) for one in dataclasses.fields(value) if one.metadata)
+        fields = ((field.name, getattr(value, field.name)) for field in dataclasses.fields(value) if field.metadata)
         return {name: _plain(entry) for name, entry in fields if entry is not None}
     if isinstance(value, tuple):
         return [_plain(entry) for entry in value]
@@ -59,13 +59,13 @@ def mesh_digest(mesh: Mesh) -> str:
     >>> mesh_digest(one) == mesh_digest(one.with_boundaries({})), mesh_digest(one) == mesh_digest(two)
     (True, False)
     """
-    made = hashlib.sha256()
+    digest = hashlib.sha256()
     for numbers in (np.asarray(mesh.p, dtype="<f8"), np.asarray(mesh.t, dtype="<i8")):
-        made.update(repr(numbers.shape).encode() + np.ascontiguousarray(numbers).tobytes())
+        digest.update(repr(numbers.shape).encode() + np.ascontiguousarray(numbers).tobytes())
     for sets in (mesh.boundaries, mesh.subdomains):
         for name, members in sorted((sets or {}).items()):
-            made.update(repr(name).encode() + np.asarray(members, dtype="<i8").tobytes())
-    return made.hexdigest()
+            digest.update(repr(name).encode() + np.asarray(members, dtype="<i8").tobytes())
+    return digest.hexdigest()
 
 
 @cache
@@ -83,18 +83,23 @@ def identity(scene: Scene, mesh: Mesh) -> dict[str, Any]:
     return {"scene": as_tables(scene), "mesh": mesh_digest(mesh), "versions": dict(versions())}
 
 
-def differences(before: Mapping[str, Any], now: Mapping[str, Any], what: tuple[str, ...] = ("versions",)) -> list[str]:
-    """Return in what a run differs from an earlier one, a clause each: keys of the scene, the mesh, ``versions``."""
-    then, new = (dict(_leaves(one.get("scene"), "")) for one in (before, now))
+def differences(
+    before: Mapping[str, Any], now: Mapping[str, Any], compared: tuple[str, ...] = ("versions",)
+) -> list[str]:
+    """Return in what a run differs from an earlier one, a clause each.
+
+    Compared are the keys of its scene, its mesh, and, where they are ``compared``, the versions.
+    """
+    then, new = (dict(_leaves(side.get("scene"), "")) for side in (before, now))
     out = []
     for path in dict.fromkeys([*then, *new]):
         if path not in FREE and then.get(path) != new.get(path):
-            was, now_is = (repr(one[path]) if path in one else "not given" for one in (then, new))
+            was, now_is = (repr(side[path]) if path in side else "not given" for side in (then, new))
             out.append(f"{path} is {now_is} and was {was}")
     if not out and before.get("mesh") != now.get("mesh"):
         file = new.get("mesh.file")
         out.append(f"the mesh in {file!r} is another than it was" if file else "the mesh is another than it was")
-    if "versions" in what:
+    if "versions" in compared:
         old, given = before.get("versions"), now["versions"]
         old = old if isinstance(old, Mapping) else {}
         out += [

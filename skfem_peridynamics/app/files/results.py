@@ -96,10 +96,10 @@ _TABLES = {"seconds": True, "elastic": True, "dt_limit": True, "run": False}  # 
 def _summary(path: Path) -> dict[str, Any]:
     if not path.is_file():
         return {}
-    found = json.loads(path.read_bytes())
-    if not isinstance(found, dict):
+    summary = json.loads(path.read_bytes())
+    if not isinstance(summary, dict):
         raise ValueError("summary.json holds no table")
-    for name, value in found.items():
+    for name, value in summary.items():
         if value is None:
             continue
         if name in _NUMBERS and not _is_number(value):
@@ -108,7 +108,7 @@ def _summary(path: Path) -> dict[str, Any]:
             entries = value.values() if isinstance(value, dict) else [None]
             if not isinstance(value, dict) or (_TABLES[name] and not all(e is None or _is_number(e) for e in entries)):
                 raise ValueError(f"summary.json has no table {name} of numbers")
-    return found
+    return summary
 
 
 def _is_number(value: Any) -> bool:

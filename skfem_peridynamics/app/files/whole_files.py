@@ -59,11 +59,11 @@ def aside(path: Path) -> Iterator[Path]:
 def _flush_folder(folder: Path) -> None:
     """Have the names in a folder written to the disk, where the system can."""
     with contextlib.suppress(OSError):
-        held = os.open(folder, os.O_RDONLY)
+        descriptor = os.open(folder, os.O_RDONLY)
         try:
-            os.fsync(held)
+            os.fsync(descriptor)
         finally:
-            os.close(held)
+            os.close(descriptor)
 
 
 def write_whole(path: Path, content: str) -> None:
@@ -99,9 +99,9 @@ def hold(folder: Path) -> Iterator[None]:
     try:
         file = _locked(path)
     except BlockingIOError:
-        who = _owner(path)
+        owner = _owner(path)
         raise SceneError(
-            f"output folder {str(folder)!r} is in use by another run{who}; give this one another"
+            f"output folder {str(folder)!r} is in use by another run{owner}; give this one another"
         ) from None
     except OSError as error:
         raise SceneError(f"output folder {str(folder)!r} cannot be written: {error.strerror}") from None

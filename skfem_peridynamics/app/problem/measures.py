@@ -35,8 +35,8 @@ def measures(problem: Problem) -> list[Measure]:
     scene, out = problem.scene, list[Measure]()
     dim = int(problem.mesh.dim())
     table = scene.measure
-    potentials = [scene.material.potential, *(one.potential for one in scene.inclusion)]
-    breakable = any(one not in (None, "linear") for one in potentials)
+    potentials = [scene.material.potential, *(potential.potential for potential in scene.inclusion)]
+    breakable = any(potential not in (None, "linear") for potential in potentials)
     if scene.material.breaking is not None:
         out.append(Broken())
     if table.crack and dim == 1:
@@ -141,7 +141,7 @@ class Reactions:
     @cached_property
     def dofs(self) -> list[Floats]:
         fixed = self.problem.fixed
-        return [np.unique(np.concatenate([fixed[k].dofs for k in some])) for some in self.names.values()]
+        return [np.unique(np.concatenate([fixed[k].dofs for k in numbers])) for numbers in self.names.values()]
 
     def read(self, state: Moment, count: Census) -> tuple[float, ...]:
         if isinstance(state, Equilibrium):

@@ -58,10 +58,10 @@ def _line(body: Snapshot, units: UnitsTable) -> Any:
     axes.plot(p[0][order], u[order], color="tab:blue")
     axes.set_xlabel(_axis("x", units))
     axes.set_ylabel(_axis("displacement", units), color="tab:blue")
-    other = axes.twinx()
-    other.fill_between(p[0][order], body.broken[order], color="tab:red", alpha=0.4, linewidth=0)
-    other.set_ylabel(_LABEL, color="tab:red")
-    other.set_ylim(0, 1)
+    twin = axes.twinx()
+    twin.fill_between(p[0][order], body.broken[order], color="tab:red", alpha=0.4, linewidth=0)
+    twin.set_ylabel(_LABEL, color="tab:red")
+    twin.set_ylim(0, 1)
     return figure
 
 
@@ -133,10 +133,10 @@ def _surface(axes: Any, body: Snapshot, units: UnitsTable) -> None:
     axes.set_title(f"where {_CRACK:.0%} of the bonds have softened", fontsize=9)
     axes.set_box_aspect((high - low) / (high - low).max(), zoom=0.95)
     axes.grid(False)
-    for k, (one, name) in enumerate(zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True)):
-        one.set_pane_color((1, 1, 1, 0))
-        one.set_major_locator(MaxNLocator(3))
-        one.set_label_text(_axis(name, units))
+    for k, (labelled, name) in enumerate(zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True)):
+        labelled.set_pane_color((1, 1, 1, 0))
+        labelled.set_major_locator(MaxNLocator(3))
+        labelled.set_label_text(_axis(name, units))
         (axes.set_xlim, axes.set_ylim, axes.set_zlim)[k](low[k], high[k])
 
 

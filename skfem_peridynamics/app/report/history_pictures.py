@@ -67,18 +67,18 @@ def groups(history: History) -> dict[str, list[str]]:
     >>> groups(dict.fromkeys(["t", "reaction_top_x", "reaction_top_y"]))
     {'reaction, top': ['reaction_top_x', 'reaction_top_y']}
     """
-    found: dict[str, list[str]] = {}
+    panels: dict[str, list[str]] = {}
     for name in history:
         kind, _, rest = name.partition("_")
-        what = rest.rpartition("_")
+        quantity = rest.rpartition("_")
         if kind == "reaction":
-            found.setdefault(f"reaction, {what[0]}", []).append(name)
+            panels.setdefault(f"reaction, {quantity[0]}", []).append(name)
         elif kind == "probe":
-            label = "displacement" if what[2].startswith("u") else "velocity"
-            found.setdefault(f"{label}, {what[0]}", []).append(name)
+            label = "displacement" if quantity[2].startswith("u") else "velocity"
+            panels.setdefault(f"{label}, {quantity[0]}", []).append(name)
         elif name == "j_integral":
-            found["J"] = [name]
-    return found
+            panels["J"] = [name]
+    return panels
 
 
 def plot_measures(path: Path, history: History, toughness: float | None, units: UnitsTable, dim: int) -> None:
@@ -87,14 +87,14 @@ def plot_measures(path: Path, history: History, toughness: float | None, units: 
     figure = new_figure(_WIDTH, 2.8 * len(panels) + 0.2)
     every = figure.subplots(len(panels), 1, squeeze=False).ravel()
     t = history["t"]
-    for axes, (what, names) in zip(every, panels.items(), strict=True):
+    for axes, (heading, names) in zip(every, panels.items(), strict=True):
         for name in names:
-            label = name.rpartition("_")[2].lstrip("uv") if what != "J" else "J"
+            label = name.rpartition("_")[2].lstrip("uv") if heading != "J" else "J"
             axes.plot(t, history[name], label=label, linewidth=1.4)
-        quantity = "J" if what == "J" else {"reaction": "force"}.get(what.split(",")[0], what.split(",")[0])
-        if what == "J" and toughness is not None:
+        quantity = "J" if heading == "J" else {"reaction": "force"}.get(heading.split(",")[0], heading.split(",")[0])
+        if heading == "J" and toughness is not None:
             axes.axhline(toughness, color="0.3", linestyle="--", linewidth=1, label="G_c")
-        axes.set_title(what, parse_math=False, fontsize=10)
+        axes.set_title(heading, parse_math=False, fontsize=10)
         axes.set_ylabel(_in(quantity, units.after(quantity, dim)), parse_math=False)
         axes.set_xlabel(_time(units))
         axes.legend(frameon=False)
@@ -102,8 +102,8 @@ def plot_measures(path: Path, history: History, toughness: float | None, units: 
     save(figure, path)
 
 
-def _in(what: str, unit: str) -> str:
-    return f"{what} in{unit}" if unit else what
+def _in(quantity: str, unit: str) -> str:
+    return f"{quantity} in{unit}" if unit else quantity
 
 
 def _time(units: UnitsTable) -> str:

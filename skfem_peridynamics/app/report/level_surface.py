@@ -28,11 +28,11 @@ def level_surface(mesh: Mesh, field: Floats, level: float, values: Floats) -> tu
         (3, (((0, 1), (0, 2), (0, 3)),)),
         (2, (((0, 2), (0, 3), (1, 3)), ((0, 2), (1, 3), (1, 2)))),
     ):
-        some = t[:, above.sum(axis=0) == count]
+        crossed = t[:, above.sum(axis=0) == count]
         for triangle in triangles:
             points, numbers = [], []
             for a, b in triangle:
-                low, high = some[a], some[b]
+                low, high = crossed[a], crossed[b]
                 share = (level - field[low]) / (field[high] - field[low])
                 points.append(mesh.p[:, low] + share * (mesh.p[:, high] - mesh.p[:, low]))
                 numbers.append(values[low] + share * (values[high] - values[low]))

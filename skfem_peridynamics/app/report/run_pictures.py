@@ -23,24 +23,24 @@ def draw(results: Results, out: Path | None = None, last: Snapshot | None = None
     units, history, title = results.units, results.history, results.title
     last = results.last if last is None else last
     dim = 2 if last is None else int(last.mesh.dim())
-    made = []
+    names = []
     if last is not None:
         plot_damage(out / "damage.png", last, title, units)
-        made.append("damage.png")
-    some = _spread(len(results.frames)) if course else []
-    if dim == 2 and len(some) > 1:
-        plot_course(out / "course.png", [results.snapshot(k) for k in some], units)
-        made.append("course.png")
+        names.append("damage.png")
+    chosen = _spread(len(results.frames)) if course else []
+    if dim == 2 and len(chosen) > 1:
+        plot_course(out / "course.png", [results.snapshot(k) for k in chosen], units)
+        names.append("course.png")
     if len(history.get("t", ())) > 1:
         plot_energies(out / "energies.png", history, title, units, dim)
-        made.append("energies.png")
+        names.append("energies.png")
         if "crack_reach" in history and history["crack_reach"].max() > 0.0:
             plot_crack(out / "crack.png", history, known(results, "rayleigh_speed"), units)
-            made.append("crack.png")
+            names.append("crack.png")
         if groups(history):
             plot_measures(out / "measures.png", history, known(results, "toughness"), units, dim)
-            made.append("measures.png")
-    return made
+            names.append("measures.png")
+    return names
 
 
 def known(results: Results, name: str) -> float | None:

@@ -49,17 +49,17 @@ def as_csv(verdicts: Verdicts) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(("case", "setting", "must", "figure", "low", "high", "holds", "seconds", "note"))
-    for one in verdicts.entries:
+    for verdict in verdicts.entries:
         row = (
-            one.case,
-            one.setting,
-            one.must,
-            one.figure,
-            one.low,
-            one.high,
-            one.holds,
-            round(one.seconds, 3),
-            one.note,
+            verdict.case,
+            verdict.setting,
+            verdict.must,
+            verdict.figure,
+            verdict.low,
+            verdict.high,
+            verdict.holds,
+            round(verdict.seconds, 3),
+            verdict.note,
         )
         writer.writerow(row)
     return out.getvalue()
@@ -95,7 +95,7 @@ def nearness(verdict: Verdict) -> float:
 
 def as_markdown(verdicts: Verdicts, quick: bool, pictures: list[str]) -> str:
     """Return the report: what does not hold, the nearest figure of each kind, and who won the race."""
-    wrong = [one for one in verdicts.entries if not one.holds]
+    wrong = [verdict for verdict in verdicts.entries if not verdict.holds]
     state = "everything holds" if not wrong else f"{len(wrong)} of {len(verdicts.entries)} do not hold"
     lines = [f"# Stability report, version {__version__}: {state}", ""]
     if quick:
@@ -105,25 +105,25 @@ def as_markdown(verdicts: Verdicts, quick: bool, pictures: list[str]) -> str:
         lines += ["## What does not hold", "", *header[:0], "| case | setting | must | figure | allowed | note |"]
         lines += ["|---|---|---|---|---|---|"]
         lines += [
-            f"| {one.case} | {one.setting} | {one.must} | {one.figure:.3g} | {allowed(one)} | {one.note} |"
-            for one in wrong
+            f"| {entry.case} | {entry.setting} | {entry.must} | {entry.figure:.3g} | {allowed(entry)} | {entry.note} |"
+            for entry in wrong
         ]
         lines.append("")
-    for name, group in groupby(verdicts.entries, key=lambda one: one.case):
-        some = list(group)
-        what = next((case.what for key, case in CASES.items() if key == name.split()[0]), name)
-        seconds = sum(one.seconds for one in some)
-        lines += [f"## {name}: {what} ({seconds:.1f} s)", "", *header]
+    for name, group in groupby(verdicts.entries, key=lambda verdict: verdict.case):
+        of_case = list(group)
+        description = next((case.what for key, case in CASES.items() if key == name.split()[0]), name)
+        seconds = sum(verdict.seconds for verdict in of_case)
+        lines += [f"## {name}: {description} ({seconds:.1f} s)", "", *header]
         kinds: dict[tuple[str, str], list[Verdict]] = {}
-        for one in some:
-            kinds.setdefault((one.must, allowed(one)), []).append(one)
-        for (must, may), mine in kinds.items():
-            worst = max(mine, key=nearness)
-            held = sum(one.holds for one in mine)
-            count = f"{held} of {len(mine)}" if held < len(mine) else f"all {len(mine)}"
+        for verdict in of_case:
+            kinds.setdefault((verdict.must, allowed(verdict)), []).append(verdict)
+        for (must, may), alike in kinds.items():
+            worst = max(alike, key=nearness)
+            holding = sum(verdict.holds for verdict in alike)
+            count = f"{holding} of {len(alike)}" if holding < len(alike) else f"all {len(alike)}"
             lines.append(f"| {must} | {count} | {may} | {worst.figure:.3g} | {worst.setting} |")
         lines.append("")
-        notes = [f"* {one.setting}: {one.note}" for one in some if one.note]
+        notes = [f"* {verdict.setting}: {verdict.note}" for verdict in of_case if verdict.note]
         lines += [*notes, ""] if notes else []
     lines += [f"![{name}]({picture_file(name)})" for name in pictures]
     return "\n".join(lines).rstrip() + "\n"

@@ -87,12 +87,15 @@ def race_tables(rows: Sequence[Row]) -> list[tuple[str, tuple[str, ...], list[tu
     """Tables of a race: errors and rates by mesh, seconds to an error by family."""
     out: list[tuple[str, tuple[str, ...], list[tuple[Any, ...]]]] = []
     for kind, group in groupby(rows, key=lambda row: row.mesh):
-        some = list(group)
-        best = {id(some[k]) for k in pareto([row.seconds for row in some], [row.error_l2 for row in some])}
+        rows_of_mesh = list(group)
+        best = {
+            id(rows_of_mesh[k])
+            for k in pareto([row.seconds for row in rows_of_mesh], [row.error_l2 for row in rows_of_mesh])
+        }
         table: list[tuple[Any, ...]] = []
-        for name, mine in by_scheme(some):
-            orders, slopes = [float("nan"), *rates(mine)], [float("nan"), *rates(mine, "error_h1")]
-            for row, l2, h1 in zip(mine, orders, slopes, strict=True):
+        for name, rows_of_scheme in by_scheme(rows_of_mesh):
+            orders, slopes = [float("nan"), *rates(rows_of_scheme)], [float("nan"), *rates(rows_of_scheme, "error_h1")]
+            for row, l2, h1 in zip(rows_of_scheme, orders, slopes, strict=True):
                 front = "*" if id(row) in best else ""
                 table.append(
                     (
@@ -106,7 +109,7 @@ def race_tables(rows: Sequence[Row]) -> list[tuple[str, tuple[str, ...], list[tu
             *("of it time", "set-up s", "steps s", "front"),
         )
         out.append((f"{kind} meshes: errors at the end, relative", columns, table))
-        out.append((f"{kind} meshes: seconds to an error", *reach_table(some)))
+        out.append((f"{kind} meshes: seconds to an error", *reach_table(rows_of_mesh)))
     return out
 
 
@@ -117,20 +120,20 @@ def reach_table(rows: Sequence[Row]) -> tuple[tuple[str, ...], list[tuple[Any, .
         "steps": lambda row: row.seconds_steps,
         "set-up and steps": lambda row: row.seconds,
     }
-    for what, cost in costs.items():
+    for heading, cost in costs.items():
         for target in TARGETS:
             best: dict[str, tuple[float, str]] = {}
-            for name, mine in by_scheme(rows):
-                seconds = seconds_to(mine, target, cost)
-                family = mine[0].family
+            for name, rows_of_scheme in by_scheme(rows):
+                seconds = seconds_to(rows_of_scheme, target, cost)
+                family = rows_of_scheme[0].family
                 if np.isfinite(seconds) and seconds < best.get(family, (np.inf, ""))[0]:
-                    beyond = min(row.error_l2 for row in mine) > target
+                    beyond = min(row.error_l2 for row in rows_of_scheme) > target
                     best[family] = seconds, f"{name}{' (extrapolated)' if beyond else ''}"
             nothing = (float("nan"), "-")
             classical, pairs, ball = (best.get(family, nothing) for family in ("classical", "pairs", "ball"))
             far = " (extrapolated)" if "extrapolated" in classical[1] else ""
             gain = classical[0] / np.nanmin([pairs[0], ball[0]]) if best.keys() - {"classical"} else float("nan")
-            table.append((what, f"{target:g}", f"{shown(classical[0])}{far}", *pairs, *ball, gain))
+            table.append((heading, f"{target:g}", f"{shown(classical[0])}{far}", *pairs, *ball, gain))
     columns = ("seconds of", "error", "classical", "pairs", "which", "ball", "which", "times cheaper")
     return columns, table
 
@@ -147,18 +150,23 @@ def plot_work_precision(path: Path, rows: Sequence[Row], title: str) -> None:
     panels = figure.subplots(1, len(kinds), sharey=True, squeeze=False)[0]
     shapes = {"classical": "s", "pairs": "o", "ball": "^"}
     for axes, kind in zip(panels, kinds, strict=True):
-        some = [row for row in rows if row.mesh == kind]
+        rows_of_mesh = [row for row in rows if row.mesh == kind]
         for k, name in enumerate(names):
-            mine = sorted((row for row in some if row.scheme == name), key=lambda row: row.n)
-            if not mine:
+            rows_of_scheme = sorted((row for row in rows_of_mesh if row.scheme == name), key=lambda row: row.n)
+            if not rows_of_scheme:
                 continue
-            error, seconds = [row.error_l2 for row in mine], [row.seconds for row in mine]
+            error, seconds = [row.error_l2 for row in rows_of_scheme], [row.seconds for row in rows_of_scheme]
             label = name
-            if len(mine) > 1:
-                label += f" (rate {np.log(error[-2] / error[-1]) / np.log(mine[-1].n / mine[-2].n):.1f})"
+            if len(rows_of_scheme) > 1:
+                label += (
+                    f" (rate {np.log(error[-2] / error[-1]) / np.log(rows_of_scheme[-1].n / rows_of_scheme[-2].n):.1f})"
+                )
             colour = matplotlib.colormaps["tab20"](k % 20)
-            axes.loglog(error, seconds, f"{shapes[mine[0].family]}-", color=colour, ms=4, lw=1.2, label=label)
-        front = [some[k] for k in pareto([row.seconds for row in some], [row.error_l2 for row in some])]
+            axes.loglog(error, seconds, f"{shapes[rows_of_scheme[0].family]}-", color=colour, ms=4, lw=1.2, label=label)
+        front = [
+            rows_of_mesh[k]
+            for k in pareto([row.seconds for row in rows_of_mesh], [row.error_l2 for row in rows_of_mesh])
+        ]
         axes.loglog(
             [row.error_l2 for row in front],
             [row.seconds for row in front],

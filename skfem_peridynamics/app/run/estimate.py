@@ -134,28 +134,28 @@ def study_scene(scene: Scene, out: Path, report: Callable[[str], None], levels: 
     first = Problem(scene)
     _ = first.load, first.fixed, first.body  # the scene's mistakes are told before a folder is made
     make_folder(out)
-    result = Result(scene.title, "self-convergence of a scene", quick=levels < 3)
+    study = Result(scene.title, "self-convergence of a scene", quick=levels < 3)
     runs: list[RefinedRun] = []
     for k in range(levels):
         problem = replace(first, refinements=k)
         if k and not fits(problem):
-            result.notes.append(f"Refinement {k} would need {problem.expected_bytes / 1e9:.3g} GB and is left out.")
+            study.notes.append(f"Refinement {k} would need {problem.expected_bytes / 1e9:.3g} GB and is left out.")
             break
         runs.append(run_once(problem, runs[-1] if runs else None))
-        one = runs[-1]
+        run = runs[-1]
         report(
-            f"refined {k} times: {one.steps} steps, set-up {one.seconds_setup:.3g} s, steps {one.seconds_steps:.3g} s"
+            f"refined {k} times: {run.steps} steps, set-up {run.seconds_setup:.3g} s, steps {run.seconds_steps:.3g} s"
         )
     gaps = [distance(a, b) for a, b in pairwise(runs)]
     p = order_of(gaps[0], gaps[1]) if len(gaps) > 1 else 2.0
     rows: list[tuple[Any, ...]] = []
-    for k, one in enumerate(runs):
+    for k, run in enumerate(runs):
         gap = gaps[k] if k < len(gaps) else float("nan")
         missed = gaps[-1] / (2.0**p - 1.0) * 2.0 ** (p * (len(runs) - 1 - k)) if gaps else float("nan")
-        size = (int(one.problem.mesh.nvertices), int(one.problem.bonds.nbonds), one.steps)
-        rows.append((k, *size, gap, missed, one.seconds_setup, one.seconds_steps))
+        size = (int(run.problem.mesh.nvertices), int(run.problem.bonds.nbonds), run.steps)
+        rows.append((k, *size, gap, missed, run.seconds_setup, run.seconds_steps))
     columns = ("refined", "nodes", "bonds", "steps", "distance to the next", "estimated error", "set-up s", "steps s")
-    result.tables.append((f"Relative L2 error of u, {first.bonds.rule.name}, {first.scheme_name}", columns, rows))
+    study.tables.append((f"Relative L2 error of u, {first.bonds.rule.name}, {first.scheme_name}", columns, rows))
     if len(gaps) > 1:
-        result.notes.append(f"Observed order of the distances: {log2(gaps[0] / gaps[1]):.2f}; errors use {p:.2f}.")
-    return result
+        study.notes.append(f"Observed order of the distances: {log2(gaps[0] / gaps[1]):.2f}; errors use {p:.2f}.")
+    return study

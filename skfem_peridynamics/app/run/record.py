@@ -62,8 +62,8 @@ class Marks:
         if self.count < 2:
             return step == self.steps
         near = step * (self.count - 1) / self.steps
-        some = range(max(0, floor(near) - 1), min(self.count - 1, ceil(near) + 1) + 1)
-        return self.count > self.steps or any(self.at(k) == step for k in some)
+        near_marks = range(max(0, floor(near) - 1), min(self.count - 1, ceil(near) + 1) + 1)
+        return self.count > self.steps or any(self.at(k) == step for k in near_marks)
 
     def at(self, k: int) -> int:
         return round(k * self.steps / (self.count - 1))

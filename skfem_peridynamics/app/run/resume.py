@@ -40,37 +40,38 @@ def earlier_run(out: Path, identity: Mapping[str, Any], resume: bool | None) -> 
             _log.warning("the run in %r is finished: there is nothing to go on with", str(out))
             return finished
     try:
-        found = latest(out, _log.warning if resume else _ignore)
+        checkpoint = latest(out, _log.warning if resume else _ignore)
     except DamagedCheckpoint as error:
         if resume:
             raise SceneError(str(error)) from None
         return None
-    if found is None:
+    if checkpoint is None:
         return None
-    known = found.facts.get("run")
+    known = checkpoint.facts.get("run")
     known = known if isinstance(known, dict) else {}
     if resume:
         _check_same(out, known, identity, "the checkpoint of another run", ("versions",))
-        return found
+        return checkpoint
     try:
-        spent = sum(float(value) for value in found.facts["seconds"].values())
+        spent = sum(float(value) for value in checkpoint.facts["seconds"].values())
     except (KeyError, TypeError, ValueError, AttributeError):
         spent = 0.0
     if not differences(known, identity) and spent > WORTH_KEEPING:
         raise SceneError(
-            f"output folder {str(out)!r} holds {spent:.0f} s of this very run, stopped at step {found.state.step}: "
-            "go on with --resume, or start over with --restart"
+            f"output folder {str(out)!r} holds {spent:.0f} s of this very run, "
+            f"stopped at step {checkpoint.state.step}: go on with --resume, or start over with --restart"
         )
     return None
 
 
 def _check_same(
-    out: Path, known: Mapping[str, Any], identity: Mapping[str, Any], what: str, also: tuple[str, ...]
+    out: Path, known: Mapping[str, Any], identity: Mapping[str, Any], holds: str, compared: tuple[str, ...]
 ) -> None:
-    different = differences(known, identity, also)
+    """Raise :class:`SceneError` where what the folder ``holds`` is of another run."""
+    different = differences(known, identity, compared)
     if different:
         more = f", and {len(different) - 3} more" if len(different) > 3 else ""
-        raise SceneError(f"output folder {str(out)!r} holds {what}: {'; '.join(different[:3])}{more}")
+        raise SceneError(f"output folder {str(out)!r} holds {holds}: {'; '.join(different[:3])}{more}")
 
 
 def _ignore(note: str) -> None:

@@ -77,22 +77,24 @@ class Formula:
 
     def uses(self, *names: str) -> bool:
         """Return whether the formula depends on any of these variables."""
-        return any(kind == "variable" and what in names for kind, what in self.program)
+        return any(kind == "variable" and operand in names for kind, operand in self.program)
 
     def __call__(self, x: Floats, t: float = 0.0) -> Floats:
         """Evaluate at points (dim, n) and one time, (n,). Raises ``FormulaError`` where that is not finite."""
         values: dict[str, Any] = dict(zip(VARIABLES, x, strict=False)) | {"t": t}
         stack: list[Any] = []
         with np.errstate(all="ignore"):
-            for kind, what in self.program:
+            for kind, operand in self.program:
                 if kind == "number":
-                    stack.append(what)
+                    stack.append(operand)
                 elif kind == "variable":
-                    if what not in values:
-                        raise FormulaError(f"formula {self.text!r} uses {what}, but the body has {len(x)} dimensions")
-                    stack.append(values[what])
+                    if operand not in values:
+                        raise FormulaError(
+                            f"formula {self.text!r} uses {operand}, but the body has {len(x)} dimensions"
+                        )
+                    stack.append(values[operand])
                 else:
-                    count, apply = what
+                    count, apply = operand
                     arguments = stack[-count:]
                     del stack[-count:]
                     stack.append(apply(*arguments))
@@ -153,8 +155,8 @@ class _Parser:
 
     def needs(self, sign: str) -> None:
         if self.takes(sign) is None:
-            found = repr(self.tokens[self.place][1]) if self.place < len(self.tokens) else "the end"
-            raise self.error(f"{sign!r} was expected, not {found}")
+            token = repr(self.tokens[self.place][1]) if self.place < len(self.tokens) else "the end"
+            raise self.error(f"{sign!r} was expected, not {token}")
 
     def left(self, operand: Callable[[], None], signs: tuple[str, ...], once: bool = False) -> None:
         operand()

@@ -55,12 +55,12 @@ def table(kind: type[_T]) -> Callable[[Any, str], _T]:
 
 def tables(kind: type[_T]) -> Callable[[Any, str], tuple[_T, ...]]:
     """Read an array of tables, ``[[path]]``."""
-    one = table(kind)
+    read_table = table(kind)
 
     def read(value: Any, path: str) -> tuple[_T, ...]:
         if not isinstance(value, list):
             raise SceneError(f"{path} must be an array of tables: write [[{path}]]")
-        return tuple(one(entry, f"{path}[{k}]") for k, entry in enumerate(value))
+        return tuple(read_table(entry, f"{path}[{k}]") for k, entry in enumerate(value))
 
     return read
 
@@ -110,12 +110,12 @@ class Every:
         """Read a number of steps or a text. Raises :class:`SceneError`."""
         if isinstance(value, int):
             return cls(steps=value)
-        found = re.fullmatch(r"\s*(\d{1,12}|\d{0,12}\.\d{1,12})\s*(s|min|h|steps)\s*", value, re.ASCII)
-        if found is None or float(found[1]) == 0.0 or (found[2] == "steps" and "." in found[1]):
+        match = re.fullmatch(r"\s*(\d{1,12}|\d{0,12}\.\d{1,12})\s*(s|min|h|steps)\s*", value, re.ASCII)
+        if match is None or float(match[1]) == 0.0 or (match[2] == "steps" and "." in match[1]):
             raise SceneError(f'{path} = {value!r} must be a number of steps, or a text like "30 s", "10 min" or "1 h"')
-        if found[2] == "steps":
-            return cls(steps=int(found[1]))
-        return cls(seconds=float(found[1]) * {"s": 1.0, "min": 60.0, "h": 3600.0}[found[2]])
+        if match[2] == "steps":
+            return cls(steps=int(match[1]))
+        return cls(seconds=float(match[1]) * {"s": 1.0, "min": 60.0, "h": 3600.0}[match[2]])
 
 
 def flag(value: Any, path: str) -> bool:
@@ -141,12 +141,12 @@ def choice(*options: str) -> Callable[[Any, str], str]:
 
 def choices(*options: str) -> Callable[[Any, str], tuple[str, ...]]:
     """An array of some of the options."""
-    one = choice(*options)
+    read_choice = choice(*options)
 
     def read(value: Any, path: str) -> tuple[str, ...]:
         if not isinstance(value, list):
             raise SceneError(f"{path} = {value!r} must be an array of {', '.join(map(repr, options))}")
-        return tuple(one(entry, f"{path}[{k}]") for k, entry in enumerate(value))
+        return tuple(read_choice(entry, f"{path}[{k}]") for k, entry in enumerate(value))
 
     return read
 

@@ -126,12 +126,12 @@ class TimeTable:
     def __post_init__(self) -> None:
         if self.scheme == "auto" and self.mass is not None:
             raise ValueError(f"mass = {self.mass!r} does not go with scheme = 'auto', which chooses it")
-        mine = {
+        allowed = {
             "newmark": ("step", "mass", "beta", "gamma"),
             "static": ("steps",),
         }.get(self.scheme, ("safety", "step", "mass"))
         for name in ("safety", "step", "mass", "beta", "gamma", "steps"):
-            if getattr(self, name) is not None and name not in mine:
+            if getattr(self, name) is not None and name not in allowed:
                 raise ValueError(f"{name} = {getattr(self, name)!r} does not go with scheme = {self.scheme!r}")
         if self.scheme == "newmark" and self.step is None:
             raise ValueError('scheme = "newmark" needs a step: how finely the motion is to be resolved')
@@ -222,14 +222,14 @@ class Scene:
     def parse(cls, content: str, folder: Path = Path()) -> Scene:
         """Read TOML text; a mesh file is looked for relative to ``folder``. Raises :class:`SceneError`."""
         try:
-            data = tomllib.loads(content)
+            tables = tomllib.loads(content)
         except tomllib.TOMLDecodeError as error:
             raise SceneError(f"not TOML: {error}") from None
         except RecursionError:
             raise SceneError("not TOML that can be read: it is nested too deeply") from None
         except ValueError as error:  # an integer of thousands of digits
             raise SceneError(f"not TOML that can be read: {error}") from None
-        return cls.of(data, folder)
+        return cls.of(tables, folder)
 
     @classmethod
     def of(cls, tables: Mapping[str, Any], folder: Path = Path()) -> Scene:

@@ -25,15 +25,15 @@ def to_toml(tables: Mapping[str, Any]) -> str:
         if not _is_table(entry):
             continue
         many = isinstance(entry, list)
-        for one in entry if many else [entry]:
+        for element in entry if many else [entry]:
             lines += ["", f"[[{name}]]" if many else f"[{name}]"]
-            lines += [f"{key} = {_value(value)}" for key, value in one.items()]
+            lines += [f"{key} = {_value(value)}" for key, value in element.items()]
     return "\n".join(lines) + "\n"
 
 
 def _is_table(entry: Any) -> bool:
-    some = isinstance(entry, list) and bool(entry)
-    return isinstance(entry, Mapping) or (some and all(isinstance(one, Mapping) for one in entry))
+    is_array = isinstance(entry, list) and bool(entry)
+    return isinstance(entry, Mapping) or (is_array and all(isinstance(element, Mapping) for element in entry))
 
 
 def _value(value: Any) -> str:

@@ -41,7 +41,7 @@ class UnitsTable:
         (' m/s', '')
         """
         unit = self.of(quantity, dim)
-        return "" if any(one.name in unit for one in fields(self)) else f" {unit}"
+        return "" if any(unit_field.name in unit for unit_field in fields(self)) else f" {unit}"
 
     def of(self, quantity: str, dim: int = 3) -> str:
         """Return the unit of a quantity, ``"1"`` for a number; in 2D forces and energies are per unit thickness.
