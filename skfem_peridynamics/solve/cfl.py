@@ -23,8 +23,8 @@ from .state import State
 SAFETY = 0.9  # part of the stable limit that a run takes where nothing is said (docs/stability.md)
 DENSE = 128  # unknowns up to which the whole spectrum is computed
 # Lanczos from one random vector can settle on a neighbour of the largest eigenvalue with a small residual. In a space
-# of 20 vectors it was 0.11 % low at worst over tests/test_cfl.py's meshes and four starts each, and 1.4 % in one of
-# 5,600 random bodies; in one of 38 that body's is found. The margin is four times the 0.11 %.
+# of 20 vectors it was 0.11 % low at worst over the meshes of tests/solve/test_cfl.py and four starts each, and 1.4 % in
+# one of 5,600 random bodies; in one of 38 that body's is found. The margin is four times the 0.11 %.
 _KRYLOV = 38  # 40 products in all; 59 in one of a hundred bodies
 _MISSED = 5e-3
 
