@@ -1,4 +1,4 @@
-"""What following the crack, and bonds that break for good, cost in the branching plate: docs/results.md."""
+"""What following the crack, and bonds that break for good, cost in the branching plate: docs/howto/results.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Print the figures of docs/performance.md: ``python docs/benchmarks/performance.py [SECTION ...] [--lammps LMP]``.
+"""Print the figures of docs/evidence/performance.md.
+
+``python docs/benchmarks/performance.py [SECTION ...] [--lammps LMP]``.
 
 Sections: pairs, balls, memory, setup, step, cfl, assembly, start; all of them without an argument (about five minutes).
 Two things that are compared run in turn, round after round, and medians are quoted. LAMMPS comes from

@@ -1,4 +1,4 @@
-"""Run all cases, and write docs/validation.md with its pictures; with --quick or named cases only print."""
+"""Run all cases, and write docs/evidence/validation.md with its pictures; with --quick or named cases only print."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 CASES = ("waves", "toughness", "static_crack", "mode_one", "branching", "kalthoff", "beam")
-DOCS = Path(__file__).parent.parent.parent / "docs"
+DOCS = Path(__file__).parents[2] / "docs" / "evidence"
 HEAD = """# Validation
 
 What the package predicts, beside closed forms, experiments and other simulations: seven cases, each a script (and where

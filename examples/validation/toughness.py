@@ -32,7 +32,8 @@ def energy_per_length(mesh: skfem.MeshTri, horizon: float, angle: float, rule: s
     chosen = peri.BallRule(outer="vertices") if rule == "ball" else peri.PairRule()
     bonds = peri.BondBasis(basis, horizon, rule=chosen)
     bonds = bonds.balanced() if rule == "balanced pairs" else bonds
-    # a ball's bonds end inside the band that the crack is: they are calibrated by their own count (docs/model.md)
+    # a ball's bonds end inside the band that the crack is: they are calibrated by their own count
+    # (docs/theory/model.md)
     calibrate = "discrete" if rule == "ball" else "continuum"
     solid = peri.Material.from_elastic(young=1.0, toughness=1.0, density=1.0, plane="stress", calibrate=calibrate)
     body = peri.Peridynamics(bonds, solid)

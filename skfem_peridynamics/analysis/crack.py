@@ -20,9 +20,21 @@ WINDOW = 5  # rows of a history that the speed of a tip is the slope of
 class CrackPath:
     """A crack, seen at the vertices that have lost bonds.
 
-    ``tips`` (ntips, dim), the one farthest along first; ``reach`` (ntips,) how far each is along the crack from the
-    slit, or from the other end of a crack that begins at none; ``length`` of all branches together; ``direction``
-    (dim,) in which the first tip points.
+    Parameters
+    ----------
+    tips : ndarray, (ntips, dim)
+        Its ends, the one farthest along first.
+    reach : ndarray, (ntips,)
+        How far each is along the crack from the slit, or from the other end of a crack that begins at none.
+    length : float
+        Of all branches together.
+    direction : ndarray, (dim,)
+        In which the first tip points.
+
+    Examples
+    --------
+    >>> CrackPath(tips=np.zeros((0, 2)), reach=np.zeros(0), length=0.0, direction=np.zeros(2)).found
+    False
     """
 
     tips: Floats
@@ -43,6 +55,24 @@ def crack_path(mesh: Mesh, intact: Floats, horizon: float, cracked: float = CRAC
     ends that are more than one and a half horizons off the rest. Of several cracks it is the one that begins at the
     slit, or the longest. A tip seen so lags behind by up to half a horizon, always the same.
 
+    Parameters
+    ----------
+    mesh : skfem.Mesh
+        Lines, triangles or tetrahedra.
+    intact : ndarray, (nvertices,)
+        Fraction of the bonds that each vertex still has, see :func:`damage`.
+    horizon : float
+        The horizon of the bonds.
+    cracked : float, optional
+        The part of its bonds that a vertex of the crack has lost.
+
+    Returns
+    -------
+    CrackPath
+        The crack; empty where there is none.
+
+    Examples
+    --------
     >>> import skfem
     >>> mesh = skfem.MeshTri.init_tensor(np.linspace(0, 1, 41), np.linspace(0, 1, 41))
     >>> hurt = (abs(mesh.p[1] - 0.5) < 0.03) & (mesh.p[0] > 0.2) & (mesh.p[0] < 0.8)

@@ -17,10 +17,29 @@ _USED = 1e-9  # P1 values below this are round-off: the bond does not use the ve
 
 @dataclass(frozen=True)
 class Census:
-    """Bonds counted over the whole body: the largest ``Z = |S| / S_c``, softened bonds, and where the energy sits.
+    """Bonds counted over the whole body: the largest strain, softened bonds, and where the energy sits.
 
-    ``area`` is that of the flat crack (its length in 2D) that cuts as many bonds as have softened or are broken; those
-    ``broken`` for good are counted apart. ``soft`` lists the softened ones of each block.
+    Parameters
+    ----------
+    Z : float
+        The largest ``|S| / S_c``.
+    softened : int
+        Bonds with Z above 1.
+    energy_intact : float
+        Energy of the other bonds.
+    energy_softened : float
+        Energy of the softened ones.
+    area : float, optional
+        Of the flat crack (its length in 2D) that cuts as many bonds as have softened or are broken.
+    broken : int, optional
+        Bonds broken for good.
+    soft : tuple of ndarray of int, optional
+        The softened bonds of each block.
+
+    Examples
+    --------
+    >>> Census(Z=0.5, softened=0, energy_intact=2.0, energy_softened=1.0).elastic
+    3.0
     """
 
     Z: float
@@ -41,10 +60,22 @@ class Census:
 class Damage:
     """The state of the bonds at the vertices under one displacement.
 
-    ``Z`` (nvertices,) is ``max |S| / S_c`` over the bonds of a vertex, 0 where none can fail; ``intact`` (nvertices,)
-    the fraction of a vertex's bonds with ``|S| <= S_c``; ``softened`` counts the others; those broken for good are
-    no bonds any more, and not intact. No-fail bonds are intact.
-    A bond that ends inside an element is a bond of its vertices, by their P1 values.
+    A bond that ends inside an element is a bond of its vertices, by their P1 values. Bonds broken for good are no
+    bonds any more, and not intact; no-fail bonds are intact.
+
+    Parameters
+    ----------
+    Z : ndarray, (nvertices,)
+        ``max |S| / S_c`` over the bonds of a vertex, 0 where none can fail.
+    intact : ndarray, (nvertices,)
+        Fraction of a vertex's bonds with ``|S| <= S_c``.
+    softened : int
+        How many bonds of the body are beyond.
+
+    Examples
+    --------
+    >>> Damage(Z=np.array([2.0, 0.0]), intact=np.array([0.5, 1.0]), softened=1).intact.min()
+    np.float64(0.5)
     """
 
     Z: Floats
@@ -55,6 +86,24 @@ class Damage:
 def census(body: Peridynamics, u: Floats) -> Census:
     """Count bonds and energies of a displacement, in one pass.
 
+    Parameters
+    ----------
+    body : Peridynamics
+        The body.
+    u : ndarray, (N,)
+        Displacement, numbered as the basis numbers it.
+
+    Returns
+    -------
+    Census
+        The counts.
+
+    References
+    ----------
+    Paper, section 2.1.
+
+    Examples
+    --------
     >>> import skfem
     >>> from skfem_peridynamics import BondBasis, Exponential
     >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 5)), skfem.ElementVector(skfem.ElementLineP1()))
@@ -143,8 +192,26 @@ class Intact:
 
 
 def damage(body: Peridynamics, u: Floats) -> Damage:
-    """Return what each vertex sees of the state of its bonds (paper, section 2.1).
+    """Return what each vertex sees of the state of its bonds.
 
+    Parameters
+    ----------
+    body : Peridynamics
+        The body.
+    u : ndarray, (N,)
+        Displacement, numbered as the basis numbers it.
+
+    Returns
+    -------
+    Damage
+        The state at the vertices.
+
+    References
+    ----------
+    Paper, section 2.1.
+
+    Examples
+    --------
     >>> import skfem
     >>> from skfem_peridynamics import BondBasis, Exponential
     >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 5)), skfem.ElementVector(skfem.ElementLineP1()))

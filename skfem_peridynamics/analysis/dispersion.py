@@ -1,4 +1,4 @@
-"""Plane waves of the linear model in an infinite body: the exact dispersion relation (docs/model.md)."""
+"""Plane waves of the linear model in an infinite body: the exact dispersion relation (docs/theory/model.md)."""
 
 from __future__ import annotations
 
@@ -25,12 +25,40 @@ def dispersion(
     influence: Any = "constant",
     wave: str = "P",
 ) -> Floats:
-    """Return the angular frequency of plane waves ``exp(i (k.x - omega t))``, shape of ``wave_number``.
+    """Return the angular frequency of plane waves ``exp(i (k.x - omega t))``.
 
-    ``wave`` is ``"P"`` (polarised along k) or ``"S"`` (across, not in 1D); ``slope`` is ``f'(0)``, see ``body.law``.
-    The body is isotropic, so only ``|k|`` matters. For long waves ``omega = k sqrt((lambda + 2 mu)/rho)`` or
-    ``k sqrt(mu/rho)``. Raises ``ValueError`` for another wave or dimension.
+    The body is isotropic, so only ``|k|`` matters. For long waves ``omega = k sqrt((lambda + 2 mu)/rho)`` or ``k
+    sqrt(mu/rho)``.
 
+    Parameters
+    ----------
+    wave_number : array_like
+        ``|k|``, any shape, 1 / length.
+    dim : int
+        1, 2 or 3.
+    horizon : float
+        A length.
+    slope : float
+        ``f'(0)``, see ``body.law``.
+    density : float
+        Mass per volume.
+    influence : Influence, str or callable, optional
+        ``J(s)``.
+    wave : {"P", "S"}, optional
+        Polarised along k, or across (not in 1D).
+
+    Returns
+    -------
+    ndarray
+        The shape of ``wave_number``, 1 / time.
+
+    Raises
+    ------
+    ValueError
+        For another wave or dimension.
+
+    Examples
+    --------
     >>> k = np.array([1e-3, 20.0])                                     # eps = 0.1: long, and three horizons long
     >>> omega = dispersion(k, dim=2, horizon=0.1, slope=3.0, density=1.0)  # lambda = mu = 2 * 3 / (3 * 4) = 0.5
     >>> (omega / k / np.sqrt(1.5)).round(4).tolist()

@@ -27,15 +27,57 @@ def j_integral(
 ) -> float:
     """Return the energy release rate of a crack with this tip that grows in this direction, in 2D.
 
-    It is the domain form of Rice's integral with the stress of the strains (Hooke's, lambda = mu),
-    ``int (sigma_ij u_i,1 - W delta_1j) q_,j``; q falls from 1 at ``inner`` (half the radius) to 0 at ``radius``. With
-    velocity and acceleration the kinetic terms of a moving body are added. In the ring the body is taken for a local,
-    linear one, so ``inner`` must be at least a horizon; what is left is of order ``(eps/inner)^2``. The ring runs
-    around the tip from one face of the crack to the other, which must be free of load there. A crack that has grown
-    is a band of torn elements, with neither stress nor energy: those with an edge beyond its critical strain.
+    It is the domain form of Rice's integral with the stress of the strains (Hooke's, lambda = mu), ``int (sigma_ij
+    u_i,1 - W delta_1j) q_,j``; q falls from 1 at ``inner`` to 0 at ``radius``. In the ring the body is taken for a
+    local, linear one; what is left is of order ``(eps/inner)^2``. The ring runs around the tip from one face of the
+    crack to the other, which must be free of load there. A crack that has grown is a band of torn elements, with
+    neither stress nor energy: those with an edge beyond its critical strain.
 
-    Raises ``ValueError`` for a body that is not in 2D, a bare potential, and a ring that is too small or reaches the
-    boundary of the body.
+    Parameters
+    ----------
+    body : Peridynamics
+        The body.
+    u : ndarray, (N,)
+        Displacement, numbered as the basis numbers it.
+    tip : array_like, (2,)
+        Where the crack ends.
+    direction : array_like, (2,)
+        Which way it grows; any length.
+    radius : float
+        Of the ring, at most its distance to the boundary.
+    inner : float, optional
+        Where q begins to fall, at least a horizon; half the radius by default.
+    v : ndarray, (N,), optional
+        Velocity: with it the kinetic terms of a moving body are added.
+    a : ndarray, (N,), optional
+        Acceleration, likewise.
+
+    Returns
+    -------
+    float
+        J, an energy per area.
+
+    Raises
+    ------
+    ValueError
+        For a body that is not in 2D, a bare potential, and a ring that is too small or reaches the boundary of the
+        body.
+
+    References
+    ----------
+    J. R. Rice, J. Appl. Mech. 35 (1968) 379.
+
+    Examples
+    --------
+    >>> import skfem
+    >>> from skfem_peridynamics import BondBasis, Crack, Material, slit
+    >>> axis = np.linspace(-1, 1, 21)
+    >>> mesh = slit(skfem.MeshTri.init_tensor(axis, axis), Crack([[-1, 0], [0, 0]]))
+    >>> basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTriP1()))
+    >>> stone = Material.from_elastic(young=1.0, toughness=1.0, density=1.0, plane="stress")
+    >>> body = Peridynamics(BondBasis(basis, horizon=0.25), stone)
+    >>> j_integral(body, np.zeros(basis.N), tip=[0, 0], direction=[1, 0], radius=0.8)         # at rest
+    0.0
     """
     mesh, dim = body.bonds.mesh, body.bonds.dim
     if dim != 2:

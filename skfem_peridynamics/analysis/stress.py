@@ -25,8 +25,22 @@ def gradients(mesh: Mesh, u: Floats) -> Floats:
 
 
 def strain(basis: Basis, u: Floats) -> Floats:
-    """Return the strain at the vertices, the mean of the elements there by volume, (nvertices, dim, dim).
+    """Return the strain at the vertices, the mean of the elements there by volume.
 
+    Parameters
+    ----------
+    basis : skfem.Basis
+        The vector P1 basis.
+    u : ndarray, (N,)
+        Displacement, numbered as the basis numbers it.
+
+    Returns
+    -------
+    ndarray, (nvertices, dim, dim)
+        Symmetric.
+
+    Examples
+    --------
     >>> import skfem
     >>> basis = skfem.Basis(skfem.MeshTri().refined(1), skfem.ElementVector(skfem.ElementTriP1()))
     >>> strain(basis, basis.project(lambda x: np.array([0.2 * x[0], 0.1 * x[0]])))[0].round(12).tolist()
@@ -44,12 +58,30 @@ def strain(basis: Basis, u: Floats) -> Floats:
 
 
 def stress(body: Peridynamics, u: Floats) -> Floats:
-    """Return the stress at the vertices that the bonds carry, ``1/(2 V) sum p xi^T``, (nvertices, dim, dim).
+    """Return the stress at the vertices that the bonds carry, ``1/(2 V) sum p xi^T``.
 
-    p is what the bond pulls with, half of each bond counts at either end: the partial stress of Lehoucq and Silling
-    (2008). Inside a body under a uniform strain it is Hooke's; broken bonds carry nothing, and within a horizon of
-    the surface there are fewer of them. Summed with the volumes it is the virial, minus ``sum F x^T``.
+    p is what the bond pulls with, half of each bond counts at either end. Inside a body under a uniform strain it
+    is Hooke's; broken bonds carry nothing, and within a horizon of the surface there are fewer of them. Summed with
+    the volumes it is the virial, minus ``sum F x^T``.
 
+    Parameters
+    ----------
+    body : Peridynamics
+        The body.
+    u : ndarray, (N,)
+        Displacement, numbered as the basis numbers it.
+
+    Returns
+    -------
+    ndarray, (nvertices, dim, dim)
+        Forces per area.
+
+    References
+    ----------
+    R. B. Lehoucq and S. A. Silling, J. Mech. Phys. Solids 56 (2008) 1566.
+
+    Examples
+    --------
     >>> import skfem
     >>> from skfem_peridynamics import BondBasis, Linear
     >>> grid = np.linspace(0, 1, 21)

@@ -27,20 +27,34 @@ _LOOSE = 1e-6  # of the median stiffness of a vertex and its volume: less is no 
 
 @dataclass(frozen=True)
 class BallRule:
-    """A product rule of the ball about every outer point: ``radial`` nodes on each of ``angular`` directions.
+    """A product rule of the ball about every outer point: nodes along rays.
 
-    ``angular`` counts directions of half the ball: equispaced in 2D, in 3D the smallest Lebedev rule of positive
-    weights with so many (8 gives 13), one in 1D. ``outer`` points are ``"gauss"`` (order 2, for the weak form, with
-    consistent mass) or ``"vertices"`` (lumped mass).
+    A symmetric rule samples the energy: half the ball does, each bond stands for both orders, the force acts on
+    both ends. The radial rule is Gauss's for ``J(s) s^d``, which gives the elastic energy of linear fields exactly.
+    A rule that is not symmetric is the paper's literal ``-a(u, phi_i) = (P(u), phi_i)``: the whole ball, the force
+    acts on x only, radial weight ``J(s) s^(d-1)``. It is accurate on any mesh but is the gradient of no energy.
+    With vertices outside it is the paper's strong form, by collocation.
 
-    ``symmetric=True`` samples the energy: half the ball does, each bond stands for both orders, the force acts on both
-    ends. The radial rule is Gauss's for ``J(s) s^d``, which gives the elastic energy of linear fields exactly.
-    ``symmetric=False`` is the paper's literal ``-a(u, phi_i) = (P(u), phi_i)``: the whole ball, the force acts on x
-    only, radial weight ``J(s) s^(d-1)``. It is accurate on any mesh but is the gradient of no energy. With vertices
-    outside it is the paper's strong form, by collocation.
+    Parameters
+    ----------
+    radial : int
+        Nodes on each ray.
+    angular : int
+        Directions of half the ball: equispaced in 2D, in 3D the smallest Lebedev rule of positive weights with so
+        many (8 gives 13), one in 1D.
+    outer : {"gauss", "vertices"}
+        The outer points: Gauss points of order 2, for the weak form with consistent mass, or vertices, with lumped
+        mass.
+    symmetric : bool
+        Whether it samples the energy.
 
-    Raises ``ValueError`` for counts below 1 or another ``outer``.
+    Raises
+    ------
+    ValueError
+        For counts below 1 or another ``outer``.
 
+    Examples
+    --------
     >>> BallRule(radial=3, angular=8, outer="vertices").name
     'ball 3 x 8, vertices outside'
     """
@@ -66,16 +80,53 @@ class BallRule:
         return f"ball {self.radial} x {self.angular}{'' if self.symmetric else ', one-sided'}, {outer} outside"
 
     def samples(self, mesh: Mesh) -> Samples:
-        """Return the outer points and, for the far ends, the vertices."""
+        """Return the outer points and, for the far ends, the vertices.
+
+        Parameters
+        ----------
+        mesh : skfem.Mesh
+            Lines, triangles or tetrahedra.
+
+        Returns
+        -------
+        Samples
+            The points where the rule reads the displacement.
+        """
         return gauss_samples(mesh, with_vertices=True) if self.outer == "gauss" else vertex_samples(mesh)
 
     def directions(self, dim: int) -> tuple[Floats, Floats]:
-        """Return the directions (n, dim) of the rays and their weights (n,)."""
+        """Return the directions (n, dim) of the rays and their weights (n,).
+
+        Parameters
+        ----------
+        dim : int
+            Dimension of the body, 1, 2 or 3.
+
+        Returns
+        -------
+        directions : ndarray, (n, dim)
+            Unit vectors.
+        weights : ndarray, (n,)
+            Their shares of the sphere.
+        """
         e, w = half_sphere(dim, self.angular)
         return (e, w) if self.symmetric else (np.concatenate([e, -e]), np.concatenate([w, w]))
 
     def estimate(self, mesh: Mesh, horizon: float) -> int:
-        """Return how many bonds there will be."""
+        """Return about how many bonds there will be, before they are made.
+
+        Parameters
+        ----------
+        mesh : skfem.Mesh
+            Lines, triangles or tetrahedra.
+        horizon : float
+            A length.
+
+        Returns
+        -------
+        int
+            Number of bonds.
+        """
         dim = int(mesh.dim())
         sites = int(mesh.nvertices) if self.outer == "vertices" else int(mesh.nelements) * (2, 3, 4)[dim - 1]
         return sites * self.radial * len(self.directions(dim)[0])
@@ -83,7 +134,26 @@ class BallRule:
     def parts(self, mesh: Mesh, samples: Samples, horizon: float, influence: Influence) -> list[Part]:
         """Return the bonds, by site, direction and node.
 
-        Raises ``ValueError`` when there are too few directions to hold a vertex, at a corner of the body for example.
+        Parameters
+        ----------
+        mesh : skfem.Mesh
+            Lines, triangles or tetrahedra.
+        samples : Samples
+            The points of the rule on that mesh.
+        horizon : float
+            A length.
+        influence : Influence
+            The influence function.
+
+        Returns
+        -------
+        list of BallBonds
+            The bonds, a part of them at a time.
+
+        Raises
+        ------
+        ValueError
+            When there are too few directions to hold a vertex, at a corner of the body for example.
         """
         dim = int(mesh.dim())
         directions, angle = self.directions(dim)

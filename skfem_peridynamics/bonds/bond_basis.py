@@ -18,16 +18,36 @@ from .forms import Functions, Sides
 class BondBasis(BondList):
     """The bonds of a body: everything about the double integral that does not depend on the material.
 
-    ``space`` is a vector P1 basis, ``skfem.Basis(mesh, ElementVector(ElementTriP1()))`` or its line and tetrahedron
-    forms; ``horizon`` a length in the units of the mesh; ``influence`` a function ``J(s)`` or its name;
-    ``boundary_function`` is ``None`` (a free body, w = 1), ``"smooth"`` (the paper's w, see
-    :func:`~skfem_peridynamics.geometry.layers.boundary_function`) or an array of values at the vertices.
-
     It is itself a basis that scikit-fem's forms assemble on: in a form a bond is an element, displacements come in
     pairs ``u1, u2`` (at x and at y), and ``w`` holds ``x, y, xi, r``.
 
-    Raises ``ValueError`` for another element, a horizon that is not positive, or a vertex without a bond.
+    Parameters
+    ----------
+    space : skfem.Basis
+        A vector P1 basis: ``skfem.Basis(mesh, ElementVector(ElementTriP1()))`` or its line and tetrahedron forms.
+    horizon : float
+        A length, in the units of the mesh.
+    influence : Influence, str or callable
+        ``J(s)``, or its name.
+    rule : PairRule or BallRule
+        The quadrature of the double integral.
+    boundary_function : None, "smooth" or array_like, (nvertices,)
+        None for a free body (w = 1), ``"smooth"`` for the paper's w (:func:`boundary_function`), or values at the
+        vertices.
+    balance : Balance, optional
+        Weights that :meth:`balanced` has made.
 
+    Raises
+    ------
+    ValueError
+        For another element, a horizon that is not positive, or a vertex without a bond.
+
+    References
+    ----------
+    Paper, eqs. 2.4, 2.6 and 2.11.
+
+    Examples
+    --------
     >>> import skfem
     >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 9)), skfem.ElementVector(skfem.ElementLineP1()))
     >>> bonds = BondBasis(basis, horizon=0.25)
@@ -39,7 +59,18 @@ class BondBasis(BondList):
     """
 
     def with_(self, **changes: Any) -> BondBasis:
-        """Return a copy with another horizon, influence, rule or boundary function, and the rule's own weights."""
+        """Return a copy with another horizon, influence, rule or boundary function, and the rule's own weights.
+
+        Parameters
+        ----------
+        **changes
+            Fields by their names.
+
+        Returns
+        -------
+        BondBasis
+            The copy, with the rule's own weights.
+        """
         return dataclasses.replace(self, **({"balance": None} | changes))
 
     def balanced(self) -> BondBasis:
@@ -53,8 +84,18 @@ class BondBasis(BondList):
         No weight changes by more than a factor of 50. Where that is not enough (vertex pairs with less than 2.5
         vertices per horizon on a random mesh) the rule's own weights stay, and the vertices are named all the same.
 
-        Raises ``ValueError`` for a one-sided rule.
+        Returns
+        -------
+        BondBasis
+            The copy.
 
+        Raises
+        ------
+        ValueError
+            For a one-sided rule.
+
+        Examples
+        --------
         >>> import skfem
         >>> x = np.array([0.0, 0.08, 0.2, 0.33, 0.4, 0.52, 0.63, 0.7, 0.82, 0.9, 1.0])
         >>> basis = skfem.Basis(skfem.MeshLine(x), skfem.ElementVector(skfem.ElementLineP1()))
@@ -132,7 +173,13 @@ class BondBasis(BondList):
         return Functions(self.sides)
 
     def default_parameters(self) -> dict[str, Any]:
-        """Return what a form finds in ``w``: ``x, y, xi = y - x`` (dim, nelems, 1) and ``r = |xi|`` (nelems, 1)."""
+        """Return what a form finds in ``w``.
+
+        Returns
+        -------
+        dict
+            ``x, y, xi = y - x``, fields (dim, nelems, 1), and ``r = |xi|``, (nelems, 1).
+        """
         from skfem.element import DiscreteField
 
         xi = self.vectors()[:, self.sides.live, None]
@@ -141,9 +188,22 @@ class BondBasis(BondList):
         return {name: DiscreteField(field) for name, field in fields.items()}
 
     def interpolate(self, u: Floats) -> tuple[Any, Any]:
-        """Return a displacement (N,) at x and at y, two fields (dim, nelems, 1); in a form ``w.u[0], w.u[1]``.
+        """Return a displacement at both ends of the bonds; in a form ``w.u[0], w.u[1]``.
 
-        Raises ``ValueError`` for a vector of another length.
+        Parameters
+        ----------
+        u : ndarray, (N,)
+            Displacement, numbered as the basis numbers it.
+
+        Returns
+        -------
+        tuple of two DiscreteField, (dim, nelems, 1)
+            At x and at y.
+
+        Raises
+        ------
+        ValueError
+            For a vector of another length.
         """
         from skfem.element import DiscreteField
 

@@ -50,7 +50,7 @@ def local_order(x: Floats) -> Longs:
     """Return an ordering of points (dim, n) in which near points have near numbers, as the kernels like it.
 
     Along the longest axis on lattices, whose rows then have far ends that follow one another, and on lines; along the
-    curve elsewhere, where that is a quarter faster (docs/performance.md).
+    curve elsewhere, where that is a quarter faster (docs/evidence/performance.md).
 
     >>> x = np.random.default_rng(0).random((2, 100))
     >>> np.array_equal(local_order(x), curve_order(x.T)), np.array_equal(local_order(x[:1]), sweep_order(x[:1]))

@@ -23,11 +23,22 @@ from .samples import Samples, gauss_samples, vertex_samples
 class PairRule:
     """All pairs of points within the horizon, each point standing for its share of the elements.
 
-    ``points`` are the ``"vertices"`` (the classical meshfree method) or the ``"gauss"`` points of the elements.
-    ``partial_volume`` scales the weight of a pair near the rim by the part of the neighbour's cell that lies in the
-    ball, ``clip((horizon + h/2 - r)/h, 0, 1)`` with h the neighbour's size, averaged over the two ends so that the
-    form stays symmetric. Without it a pair counts fully up to the horizon, rim included.
+    Parameters
+    ----------
+    partial_volume : bool
+        Scale the weight of a pair near the rim by the part of the neighbour's cell that lies in the ball,
+        ``clip((horizon + h/2 - r)/h, 0, 1)`` with h the neighbour's size, averaged over the two ends so that the
+        form stays symmetric. Without it a pair counts fully up to the horizon, rim included.
+    points : {"vertices", "gauss"}
+        The vertices (the classical meshfree method), or the Gauss points of the elements.
 
+    Raises
+    ------
+    ValueError
+        For other points.
+
+    Examples
+    --------
     >>> import skfem
     >>> mesh, rule = skfem.MeshLine(np.linspace(0, 1, 5)), PairRule()
     >>> part, = rule.parts(mesh, rule.samples(mesh), 0.25, Influence("constant", np.ones_like))
@@ -52,22 +63,64 @@ class PairRule:
         return True
 
     def samples(self, mesh: Mesh) -> Samples:
-        """Return the point set."""
+        """Return the point set.
+
+        Parameters
+        ----------
+        mesh : skfem.Mesh
+            Lines, triangles or tetrahedra.
+
+        Returns
+        -------
+        Samples
+            The points where the rule reads the displacement.
+        """
         return vertex_samples(mesh) if self.points == "vertices" else gauss_samples(mesh, with_vertices=False)
 
     def _reach(self, horizon: float, size: Floats) -> float:
         return horizon + (0.5 * float(size.max()) if self.partial_volume else 0.0)
 
     def estimate(self, mesh: Mesh, horizon: float) -> int:
-        """Return about how many bonds there will be, before any is made."""
+        """Return about how many bonds there will be, before they are made.
+
+        Parameters
+        ----------
+        mesh : skfem.Mesh
+            Lines, triangles or tetrahedra.
+        horizon : float
+            A length.
+
+        Returns
+        -------
+        int
+            Number of bonds.
+        """
         samples = self.samples(mesh)
         return estimate_pairs(samples.points.T, self._reach(horizon, samples.size))
 
     def parts(self, mesh: Mesh, samples: Samples, horizon: float, influence: Influence) -> list[Part]:
         """Return the bonds, ends sorted.
 
-        Raises ``ValueError`` for a point that is left without a bond, or when the bonds fall into more pieces than the
-        mesh.
+        Parameters
+        ----------
+        mesh : skfem.Mesh
+            Lines, triangles or tetrahedra.
+        samples : Samples
+            The points of the rule on that mesh.
+        horizon : float
+            A length.
+        influence : Influence
+            The influence function.
+
+        Returns
+        -------
+        list of PairBonds
+            The bonds, a part of them at a time.
+
+        Raises
+        ------
+        ValueError
+            When a vertex has no bond.
         """
         parts = list(self._parts(mesh, samples, horizon))
         degree = np.zeros(samples.nsamples, dtype=np.int64)

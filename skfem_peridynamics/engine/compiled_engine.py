@@ -30,7 +30,7 @@ class CompiledEngine:
     """The operators of a body by compiled loops; what they cannot do, the sparse products do."""
 
     def __init__(self, sparse_engine: SparseEngine) -> None:
-        self.other, self.pool = sparse_engine, sparse_engine.pool
+        self.sparse, self.pool = sparse_engine, sparse_engine.pool
         blocks = list(sparse_engine.blocks)
         balls = bool(blocks) and isinstance(blocks[0].part, BallBonds)
         self.field: Any = BallLoops(sparse_engine.bonds, blocks) if balls else PairLoops(sparse_engine.bonds, blocks)
@@ -73,7 +73,7 @@ class CompiledEngine:
                     hit.append(task)
 
             self.schedule.run(take, self.pool)
-            number = {id(block): k for k, block in enumerate(self.other.blocks)}
+            number = {id(block): k for k, block in enumerate(self.sparse.blocks)}
             hit.sort(key=lambda task: (number[id(task.block)], task.bonds.start))
             out: Floats = self.field.collect(arrays, self.pool)
         broken = []
@@ -84,13 +84,13 @@ class CompiledEngine:
         return out, broken
 
     def product(self, weights: Sequence[Floats] | None, v: Floats, transposed: bool = False) -> Floats:
-        if transposed and not self.other.bonds.rule.symmetric:
-            return self.other.product(weights, v, transposed)
+        if transposed and not self.sparse.bonds.rule.symmetric:
+            return self.sparse.product(weights, v, transposed)
         with self._arrays(v) as arrays:
             if weights is None:
                 self.schedule.run(lambda task: task.add_force(arrays, linear(task.block)), self.pool)
             else:
-                of = {id(block): weight for block, weight in zip(self.other.blocks, weights, strict=True)}
+                of = {id(block): weight for block, weight in zip(self.sparse.blocks, weights, strict=True)}
                 self.schedule.run(lambda task: task.take_product(arrays, of[id(task.block)]), self.pool)
             out: Floats = self.field.collect(arrays, self.pool)
         return np.negative(out, out=out)

@@ -6,7 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
 from .._types import Floats, Longs
+from ..bonds.bond_basis import BondBasis
 from .block import _T, Block
+from .sparse_engine import SparseEngine
+from .threads import Threads
 
 
 class Engine(Protocol):
@@ -26,3 +29,13 @@ class Engine(Protocol):
     def each(self, u: Floats, function: Callable[[Block, Floats], _T]) -> Iterator[_T]: ...
 
     def break_and_force(self, u: Floats, at: float) -> tuple[Floats, list[tuple[Block, Longs]]]: ...
+
+
+def make_engine(bonds: BondBasis, blocks: Sequence[Block], pool: Threads, compiled: bool) -> Engine:
+    """Return the engine of some blocks; compiled loops, and numba with them, are loaded only where they are used."""
+    sparse_engine = SparseEngine(bonds, blocks, pool)
+    if not compiled:
+        return sparse_engine
+    from .compiled_engine import CompiledEngine
+
+    return CompiledEngine(sparse_engine)

@@ -68,8 +68,27 @@ def distance_to_facets(mesh: Mesh, facets: Any, within: float, points: Floats | 
 def collar(mesh: Mesh, facets: Any, width: float) -> Longs:
     """Return the vertices within ``width`` of a set of facets.
 
-    Raises ``ValueError`` for a negative width, an unknown or an empty set.
+    Parameters
+    ----------
+    mesh : skfem.Mesh
+        Lines, triangles or tetrahedra.
+    facets : str, array_like or callable
+        As scikit-fem names facets: a name, indices, or a callable of midpoints.
+    width : float
+        A length; 0 takes the vertices of the facets alone.
 
+    Returns
+    -------
+    ndarray of int
+        Numbers of vertices.
+
+    Raises
+    ------
+    ValueError
+        For a negative width, an unknown or an empty set.
+
+    Examples
+    --------
     >>> import skfem
     >>> m = skfem.MeshTri().refined(2).with_defaults()
     >>> len(collar(m, "left", width=0.25))
@@ -81,8 +100,27 @@ def collar(mesh: Mesh, facets: Any, width: float) -> Longs:
 
 
 def region(mesh: Mesh, elements: Any) -> Longs:
-    """Return the vertices of a set of elements: a subdomain's name, indices, or a callable of the midpoints.
+    """Return the vertices of a set of elements.
 
+    Parameters
+    ----------
+    mesh : skfem.Mesh
+        Lines, triangles or tetrahedra.
+    elements : str, array_like or callable
+        A subdomain's name, indices, or a callable of the midpoints.
+
+    Returns
+    -------
+    ndarray of int
+        Numbers of vertices.
+
+    Raises
+    ------
+    ValueError
+        For an unknown or an empty set.
+
+    Examples
+    --------
     >>> import skfem
     >>> region(skfem.MeshLine(np.linspace(0, 1, 5)), lambda x: x[0] < 0.5).tolist()
     [0, 1, 2]
@@ -102,6 +140,24 @@ def boundary_function(mesh: Mesh, horizon: float) -> Floats:
 
     With ``s = distance / horizon`` it is ``s^3 (10 - 15 s + 6 s^2)``.
 
+    Parameters
+    ----------
+    mesh : skfem.Mesh
+        Lines, triangles or tetrahedra.
+    horizon : float
+        The depth from which on it is 1.
+
+    Returns
+    -------
+    ndarray, (nvertices,)
+        Values between 0 and 1.
+
+    References
+    ----------
+    Paper, section 2.
+
+    Examples
+    --------
     >>> import skfem
     >>> boundary_function(skfem.MeshLine(np.linspace(0, 1, 5)), horizon=0.5).tolist()
     [0.0, 0.5, 1.0, 0.5, 0.0]

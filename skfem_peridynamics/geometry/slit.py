@@ -19,10 +19,20 @@ from .vertex_sectors import vertex_sectors
 class Crack:
     """A crack as geometry: a point (1D), a polyline (2D) or a convex planar polygon (3D).
 
-    ``points`` has one row per corner, in the units of the mesh. Facets of the mesh must follow it.
+    Facets of the mesh must follow it.
 
-    Raises ``ValueError`` for too few points, coordinates that are not finite, or a polygon that is not planar.
+    Parameters
+    ----------
+    points : array_like, (ncorners, dim)
+        Its corners, in the units of the mesh.
 
+    Raises
+    ------
+    ValueError
+        For too few points, coordinates that are not finite, or a polygon that is not planar.
+
+    Examples
+    --------
     >>> Crack([[0.0, 0.5], [0.5, 0.5]]).corners.shape        # (dim, corners of a piece, pieces)
     (2, 2, 1)
     """
@@ -128,8 +138,29 @@ def slit(mesh: Mesh, *cracks: Crack, facets: Any = None, name: str = "slit") -> 
     Named boundaries and subdomains are kept; the two faces become the boundary ``name``. Faces that meet (T or X
     junctions) get as many copies of a vertex as there are sides. ``mesh.is_valid()`` is False on the result, by design.
 
-    Raises ``ValueError`` when no facet lies on a crack or the set is empty.
+    Parameters
+    ----------
+    mesh : skfem.Mesh
+        Lines, triangles or tetrahedra.
+    *cracks
+        Where to cut, as geometry.
+    facets : optional
+        Where to cut, as scikit-fem names facets: a name, indices, a callable of midpoints, or a list of these.
+    name : str, optional
+        Name of the boundary that the two faces become.
 
+    Returns
+    -------
+    skfem.Mesh
+        A mesh with more vertices and the same elements.
+
+    Raises
+    ------
+    ValueError
+        When no facet lies on a crack or the set is empty.
+
+    Examples
+    --------
     >>> import skfem
     >>> m = skfem.MeshTri.init_tensor(np.linspace(0, 1, 5), np.linspace(0, 1, 5))
     >>> opened = slit(m, Crack([[0, 0.5], [0.5, 0.5]]))

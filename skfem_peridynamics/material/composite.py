@@ -30,16 +30,29 @@ MEANS: dict[str, Callable[[Floats], float]] = {
 
 @dataclass(frozen=True)
 class Composite:
-    """A material, and others in the subdomains of the mesh that ``inclusions`` names.
+    """A material, and others in subdomains of the mesh.
 
     Wherever a ``Material`` is taken, this is too: ``Peridynamics(bonds, composite)`` and, for the mass,
-    ``density_on(mesh)``. A bond whose ends share a material is of that material, and a vertex between subdomains is of
-    all of them; any other bond takes the mean ``between`` of ``f'(0)`` and of ``f_inf``: ``"harmonic"`` (two springs,
-    or two links of a chain, in a row), ``"arithmetic"`` or ``"weaker"``. The shape of its law is that of the material
-    with the smallest ``f_inf``.
+    ``density_on(mesh)``. A bond whose ends share a material is of that material, and a vertex between subdomains is
+    of all of them; any other bond takes a mean of ``f'(0)`` and of ``f_inf``. The shape of its law is that of the
+    material with the smallest ``f_inf``.
 
-    Raises ``ValueError`` for an unknown mean, for materials in different plane states, for more than 62 of them.
+    Parameters
+    ----------
+    matrix : Material
+        What is everywhere else.
+    inclusions : mapping of str to Material
+        By the names of the subdomains.
+    between : {"harmonic", "arithmetic", "weaker"}
+        The mean of bonds between materials; harmonic is two springs, or two links of a chain, in a row.
 
+    Raises
+    ------
+    ValueError
+        For an unknown mean, for materials in different plane states, for more than 62 of them.
+
+    Examples
+    --------
     >>> soft = Material.from_elastic(lame=1.0, toughness=1.0, density=1.0, plane="strain")
     >>> fibres = Composite(soft, {"fibre": soft.with_(lame=3.0)})
     >>> between = fibres.mixed(fibres.laws(2, 1 / 3), [0, 1])
@@ -82,15 +95,54 @@ class Composite:
         return tuple(material.density for material in self.materials)
 
     def with_(self, **changes: Any) -> Composite:
-        """Return a copy with another matrix, other inclusions or another mean."""
+        """Return a copy with another matrix, other inclusions or another mean.
+
+        Parameters
+        ----------
+        **changes
+            What is other.
+
+        Returns
+        -------
+        Composite
+            The copy.
+        """
         return dataclasses.replace(self, **changes)
 
     def laws(self, dim: int, moment: float, crack_moment: float | None = None) -> tuple[Potential, ...]:
-        """Return the calibrated potential of each material, see :meth:`Material.law`."""
+        """Return the calibrated potential of each material, see :meth:`Material.law`.
+
+        Parameters
+        ----------
+        dim : int
+            Dimension of the body, 1, 2 or 3.
+        moment : float
+            ``M_d`` of the influence function, for strains.
+        crack_moment : float, optional
+            The same for cracks, where a rule has another; by default ``moment``.
+
+        Returns
+        -------
+        tuple of Potential
+            The matrix first, then the inclusions in their order.
+        """
         return tuple(material.law(dim, moment, crack_moment) for material in self.materials)
 
     def mixed(self, laws: Sequence[Potential], members: Sequence[int]) -> Potential:
-        """Return the law of a bond between some of the materials, by their numbers."""
+        """Return the law of a bond between some of the materials, by their numbers.
+
+        Parameters
+        ----------
+        laws : sequence of Potential
+            Those of all materials.
+        members : sequence of int
+            The numbers of the materials that meet.
+
+        Returns
+        -------
+        Potential
+            The law of the bond.
+        """
         if len(members) == 1:
             return laws[members[0]]
         mean = MEANS[self.between]
@@ -102,7 +154,20 @@ class Composite:
     def member_of(self, mesh: Mesh) -> Longs:
         """Return the number of the material of each element, (nelements,).
 
-        Raises ``ValueError`` for a subdomain that the mesh does not have, and for elements in two of them.
+        Parameters
+        ----------
+        mesh : skfem.Mesh
+            Lines, triangles or tetrahedra.
+
+        Returns
+        -------
+        ndarray of int, (nelements,)
+            0 for the matrix, then the inclusions in their order.
+
+        Raises
+        ------
+        ValueError
+            For a subdomain that the mesh does not have, and for elements in two of them.
         """
         member = np.zeros(int(mesh.nelements), dtype=np.int64)
         tags = mesh.subdomains or {}
@@ -121,6 +186,17 @@ class Composite:
         return member
 
     def density_on(self, mesh: Mesh) -> Floats:
-        """Return the density of each element, (nelements,), for :func:`~skfem_peridynamics.mass_matrix`."""
+        """Return the density of each element, for :func:`~skfem_peridynamics.mass_matrix`.
+
+        Parameters
+        ----------
+        mesh : skfem.Mesh
+            Lines, triangles or tetrahedra.
+
+        Returns
+        -------
+        ndarray, (nelements,)
+            Mass per volume.
+        """
         rho: Floats = np.array(self.density)[self.member_of(mesh)]
         return rho

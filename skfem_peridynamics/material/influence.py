@@ -17,14 +17,29 @@ _RIM = 1.0 - 1e-12
 
 @dataclass(frozen=True)
 class Influence:
-    """Weigh a bond by its length: ``J(s)`` with ``s = r / horizon`` (dimensionless, array to array).
+    """Weigh a bond by its length: ``J(s)`` with ``s = r / horizon``.
 
-    ``profile`` is read on ``0 < s < 1`` only; beyond the rim the limit from inside stands in, because
-    a bond that sticks out of the ball keeps the part of its volume that lies inside. The profile must
-    be bounded and non-negative (paper, section 2.1).
+    The profile is read on ``0 < s < 1`` only; beyond the rim the limit from inside stands in, because a bond that
+    sticks out of the ball keeps the part of its volume that lies inside.
 
-    Raises ``ValueError`` when the profile is negative, not finite or zero everywhere.
+    Parameters
+    ----------
+    name : str
+        What summaries and messages call it.
+    profile : callable
+        ``J(s)``, array to array, dimensionless, bounded and not negative.
 
+    Raises
+    ------
+    ValueError
+        When the profile is negative, not finite or zero everywhere.
+
+    References
+    ----------
+    Paper, section 2.1.
+
+    Examples
+    --------
     >>> round(Influence("tent", lambda s: 1 - s).moment(2), 12)   # M_2 = 1/3 - 1/4
     0.083333333333
     """
@@ -46,8 +61,20 @@ class Influence:
         return np.broadcast_to(np.asarray(self.profile(np.minimum(s, _RIM)), dtype=float), s.shape)
 
     def moment(self, power: float) -> float:
-        """Return ``int_0^1 J(s) s^power ds``; ``moment(d)`` is the ``M_d`` of the calibration.
+        """Return the moment ``int_0^1 J(s) s^power ds``; that of order d is the ``M_d`` of the calibration.
 
+        Parameters
+        ----------
+        power : float
+            Power of s, above -1.
+
+        Returns
+        -------
+        float
+            The moment, dimensionless.
+
+        Examples
+        --------
         >>> round(constant.moment(3), 12)
         0.25
         """
@@ -63,10 +90,24 @@ class Influence:
         return float(quad(lambda s: at(s) * s**power, 0.0, 1.0, epsabs=0.0, epsrel=1e-12, limit=400)[0])
 
     def mean_inverse_power(self, a: float, dim: int) -> float:
-        """Return ``Jbar_a``, the mean of ``J(|z|) |z|^-a`` over the unit ball; infinite where it diverges.
+        """Return ``Jbar_a``, the mean of ``J(|z|) |z|^-a`` over the unit ball.
 
         It enters the paper's ``L1 = 4 C2 Jbar_1`` and the closed-form step limit.
 
+        Parameters
+        ----------
+        a : float
+            The power.
+        dim : int
+            Dimension of the body, 1, 2 or 3.
+
+        Returns
+        -------
+        float
+            The mean; infinite where the integral diverges.
+
+        Examples
+        --------
         >>> round(constant.mean_inverse_power(1, dim=2), 12), constant.mean_inverse_power(1, dim=1)
         (2.0, inf)
         """
@@ -91,6 +132,23 @@ conical = Influence("conical", lambda s: 1.0 - s)
 def gaussian(width: float = 0.5) -> Influence:
     """Return ``J(s) = exp(-(s / width)^2)``, cut off at the horizon.
 
+    Parameters
+    ----------
+    width : float, optional
+        Where J has fallen to 1/e, in horizons.
+
+    Returns
+    -------
+    Influence
+        The function.
+
+    Raises
+    ------
+    ValueError
+        For a width that is not positive.
+
+    Examples
+    --------
     >>> round(float(gaussian(0.5)(np.array([0.5]))[0]), 6)
     0.367879
     """

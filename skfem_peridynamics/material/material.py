@@ -1,4 +1,4 @@
-"""From elastic constants and toughness to ``f'(0)`` and ``f_inf``, and back (docs/model.md, section 4)."""
+"""From elastic constants and toughness to ``f'(0)`` and ``f_inf``, and back (docs/theory/model.md, section 4)."""
 
 from __future__ import annotations
 
@@ -55,10 +55,25 @@ def state(dim: int, plane: str | None) -> tuple[float, float | None]:
 
 @dataclass(frozen=True)
 class Elastic:
-    """The macroscopic constants of a law: Lamé constant, Young's modulus, toughness, wave speeds.
+    """The macroscopic constants of a law; units follow from the input.
 
-    ``lame`` is ``lambda = mu``; ``toughness`` is ``G_c`` (infinite for the linear law); speeds are those of
-    long waves. Units follow from the input.
+    Parameters
+    ----------
+    lame : float
+        ``lambda = mu``, a stress.
+    young : float
+        Young's modulus.
+    poisson : float or None
+        Poisson's ratio, None in 1D.
+    toughness : float
+        ``G_c``, an energy per area; infinite for the linear law.
+    density : float
+        Mass per volume.
+
+    Examples
+    --------
+    >>> round(Elastic(lame=3.0, young=8.0, poisson=1 / 3, toughness=1.0, density=1.0).pressure_speed, 12)
+    3.0
     """
 
     lame: float
@@ -85,10 +100,46 @@ class Elastic:
 
 @dataclass(frozen=True)
 class Material:
-    """Physical constants of a brittle solid and the shape of its bond law.
+    """Physical constants of a brittle solid and the shape of its bond law; use :meth:`from_elastic`.
 
-    Use :meth:`from_elastic`. The law itself, ``f'(0)`` and ``f_inf``, also needs the dimension and the influence
-    function, which the bonds know: see :meth:`law` and ``Peridynamics.law``.
+    The law itself, ``f'(0)`` and ``f_inf``, also needs the dimension and the influence function, which the bonds
+    know: see :meth:`law` and ``Peridynamics.law``.
+
+    Parameters
+    ----------
+    young : float or None
+        Young's modulus; or ``lame``.
+    lame : float or None
+        ``lambda = mu``.
+    toughness : float or None
+        ``G_c``, an energy per area.
+    density : float
+        Mass per volume (per area in 2D, per length in 1D).
+    plane : {"stress", "strain"} or None
+        In 2D.
+    potential : str or object
+        Shape of the law: ``"exponential"``, ``"rational"``, ``"linear"``, or one of your own.
+    convention : {"physical", "paper"}
+        Factor between constants and law.
+    calibrate : {"continuum", "discrete"}
+        By the exact moment, or by that of the bonds at hand.
+    K_Ic : float or None
+        In place of the toughness.
+    poisson : float or None
+        Only checked: a bond-based law has one ratio.
+    compression : {"soften", "elastic"}
+        What bonds do that are pressed.
+
+    Raises
+    ------
+    ValueError
+        For constants that are missing, doubled, not positive, or that a bond-based law cannot have.
+
+    Examples
+    --------
+    >>> steel = Material.from_elastic(lame=2.0, toughness=1.0, density=3.0)
+    >>> steel.law(dim=3, moment=0.25).slope                              # lambda / (2/5 M_3)
+    20.0
     """
 
     young: float | None
@@ -121,16 +172,44 @@ class Material:
     ) -> Material:
         """Describe a material by what handbooks give.
 
-        ``young`` (E) or ``lame`` (lambda = mu); ``toughness`` (G_c, energy per area) or ``K_Ic``, not needed for
-        ``potential="linear"``; ``density``; ``plane`` is ``"stress"`` or ``"strain"`` in 2D and absent in 1D and 3D.
-        ``convention="paper"`` takes the factors ``C_d`` as the paper prints them (waves run sqrt(2) too fast in
-        2D and 3D). ``compression="elastic"`` lets bonds soften in tension only; those that are pressed stay linear
-        (the paper's law softens both ways). ``calibrate="discrete"`` uses the moment of the bonds at hand in place of
-        ``M_d``.
+        Parameters
+        ----------
+        young : float, optional
+            Young's modulus, a stress; or ``lame``.
+        lame : float, optional
+            Lame's constant ``lambda = mu``; or ``young``.
+        toughness : float, optional
+            ``G_c``, an energy per area; or ``K_Ic``. Neither is needed for ``potential="linear"``.
+        K_Ic : float, optional
+            The stress intensity at which a crack grows.
+        density : float
+            Mass per volume.
+        plane : {"stress", "strain"}, optional
+            In 2D; absent in 1D and 3D.
+        poisson : float, optional
+            Checked against the one ratio that a bond-based law has: 1/3 in plane stress, 1/4 else.
+        potential : str or object, optional
+            ``"exponential"``, ``"rational"``, ``"linear"``, a :class:`Potential`, or an object for
+            :func:`own_potential`.
+        convention : {"physical", "paper"}, optional
+            ``"paper"`` takes the factors ``C_d`` as the paper prints them: waves run sqrt(2) too fast in 2D and 3D.
+        calibrate : {"continuum", "discrete"}, optional
+            ``"discrete"`` uses the moment of the bonds at hand in place of ``M_d``.
+        compression : {"soften", "elastic"}, optional
+            ``"elastic"`` lets bonds soften in tension only; the paper's law softens both ways.
 
-        Raises ``ValueError`` for constants that are missing, doubled, not positive, or that a bond-based law
-        cannot have.
+        Returns
+        -------
+        Material
+            The material.
 
+        Raises
+        ------
+        ValueError
+            For constants that are missing, doubled, not positive, or that a bond-based law cannot have.
+
+        Examples
+        --------
         >>> glass = Material.from_elastic(young=72e9, toughness=135.0, density=2440.0, plane="stress")
         >>> law = glass.law(dim=2, moment=1 / 3)
         >>> law.slope, round(law.limit, 6)             # f'(0) = 4 * 27e9 / (2/3), f_inf = pi 135 / (4/3)
@@ -161,16 +240,51 @@ class Material:
     def with_(self, **changes: Any) -> Material:
         """Return a copy with some constants changed.
 
+        Parameters
+        ----------
+        **changes
+            Constants by their names.
+
+        Returns
+        -------
+        Material
+            The copy.
+
+        Examples
+        --------
         >>> Material.from_elastic(young=1.0, toughness=1.0, density=1.0).with_(density=2.0).density
         2.0
         """
         return dataclasses.replace(self, **changes)
 
     def law(self, dim: int, moment: float, crack_moment: float | None = None) -> Potential:
-        """Return the calibrated potential for a dimension and a moment ``M_d`` of the influence function.
+        """Return the calibrated potential for a dimension and a moment of the influence function.
 
-        ``f'(0) = lambda / (factor M_d)``, ``f_inf = G_c omega_d / (2 omega_{d-1} M_d)`` (paper, section 2.1, with the
-        factor of docs/model.md). A rule may have another moment for cracks than for strains: ``crack_moment``.
+        ``f'(0) = lambda / (factor M_d)``, ``f_inf = G_c omega_d / (2 omega_{d-1} M_d)``, with the factor of
+        docs/theory/model.md.
+
+        Parameters
+        ----------
+        dim : int
+            Dimension of the body, 1, 2 or 3.
+        moment : float
+            ``M_d`` of the influence function, for strains.
+        crack_moment : float, optional
+            The same for cracks, where a rule has another; by default ``moment``.
+
+        Returns
+        -------
+        Potential
+            The law.
+
+        Raises
+        ------
+        ValueError
+            For a ratio of Poisson that a bond-based law cannot have, and for K_Ic in 1D.
+
+        References
+        ----------
+        Paper, section 2.1.
         """
         crack_moment = moment if crack_moment is None else crack_moment
         ratio, nu = state(dim, self.plane)
@@ -192,13 +306,44 @@ class Material:
         return self.shaped(slope, limit)
 
     def shaped(self, slope: float, limit: float) -> Potential:
-        """Return the law of this shape with a given ``f'(0)`` and ``f_inf``."""
+        """Return the law of this shape with a given ``f'(0)`` and ``f_inf``.
+
+        Parameters
+        ----------
+        slope : float
+            ``f'(0)``, a stress.
+        limit : float
+            ``f_inf``, an energy per area.
+
+        Returns
+        -------
+        Potential
+            The law.
+        """
         law = make_potential(self.potential, slope, limit)
         return TensionOnly.of(law) if self.compression == "elastic" else law
 
     def elastic(self, law: Potential, dim: int, moment: float, crack_moment: float | None = None) -> Elastic:
         """Return the constants that a law has: the way back, always with the physical factor.
 
+        Parameters
+        ----------
+        law : Potential
+            The law.
+        dim : int
+            Dimension of the body, 1, 2 or 3.
+        moment : float
+            ``M_d`` of the influence function, for strains.
+        crack_moment : float, optional
+            The same for cracks, where a rule has another; by default ``moment``.
+
+        Returns
+        -------
+        Elastic
+            The constants.
+
+        Examples
+        --------
         >>> m = Material.from_elastic(young=5.0, toughness=2.0, density=1.0, convention="paper")
         >>> e = m.elastic(m.law(dim=3, moment=0.25), dim=3, moment=0.25)
         >>> round(e.young, 12), round(e.toughness, 12)         # the paper's factor makes the body twice as stiff

@@ -40,11 +40,22 @@ class Own(Potential):
 
 
 class Scalars:
-    """A law from three functions of one number, ``f(q)``, ``f'(q)`` and ``f''(q)``, for :func:`own_potential`.
+    """A law from three functions of one number, for :func:`own_potential`.
 
-    Where numba is installed they are compiled, into the loops over the bonds too; they may call what numba can compile
-    (``math``, arithmetic, conditions). Elsewhere Python calls them number by number: right, and slow.
+    Where numba is installed they are compiled, into the loops over the bonds too; they may call what numba can
+    compile (``math``, arithmetic, conditions). Elsewhere Python calls them number by number: right, and slow.
 
+    Parameters
+    ----------
+    f : callable
+        ``f(q)``, number to number.
+    df : callable
+        ``f'(q)``, likewise.
+    d2f : callable
+        ``f''(q)``, likewise.
+
+    Examples
+    --------
     >>> import math
     >>> law = own_potential(Scalars(lambda q: math.log1p(q), lambda q: 1 / (1 + q), lambda q: -1 / (1 + q) ** 2))
     >>> law.slope, law.df(np.array([0.0, 1.0])).tolist()
@@ -65,19 +76,75 @@ class Scalars:
         return tuple(on_arrays(function) for function in self._functions)
 
     def f(self, q: Floats) -> Floats:
+        """Return ``f(q)``.
+
+        Parameters
+        ----------
+        q : ndarray
+            Any shape.
+
+        Returns
+        -------
+        ndarray
+            The shape of q.
+        """
         return self._on_arrays[0](q)
 
     def df(self, q: Floats) -> Floats:
+        """Return ``f'(q)``.
+
+        Parameters
+        ----------
+        q : ndarray
+            Any shape.
+
+        Returns
+        -------
+        ndarray
+            The shape of q.
+        """
         return self._on_arrays[1](q)
 
     def d2f(self, q: Floats) -> Floats:
+        """Return ``f''(q)``.
+
+        Parameters
+        ----------
+        q : ndarray
+            Any shape.
+
+        Returns
+        -------
+        ndarray
+            The shape of q.
+        """
         return self._on_arrays[2](q)
 
 
 def own_potential(law: Any) -> Potential:
-    """Wrap any object with ``f(q), df(q), d2f(q)``; ``f'(0)`` and ``f_inf`` are read off it.
+    """Wrap any object with ``f(q)``, ``df(q)`` and ``d2f(q)``; ``f'(0)`` and ``f_inf`` are read off it.
 
-    Raises ``ValueError`` when ``f(0)`` is not 0, ``f'(0)`` is not positive or ``df`` is not the derivative of f.
+    Parameters
+    ----------
+    law : object
+        Its three methods take and give arrays of any shape; or :class:`Scalars`.
+
+    Returns
+    -------
+    Potential
+        A law that bodies compute with.
+
+    Raises
+    ------
+    ValueError
+        When ``f(0)`` is not 0, ``f'(0)`` is not positive or ``df`` is not the derivative of f.
+
+    Examples
+    --------
+    >>> import math
+    >>> law = own_potential(Scalars(lambda q: 1 - math.exp(-q), lambda q: math.exp(-q), lambda q: -math.exp(-q)))
+    >>> round(law.slope, 12), round(law.limit, 6), round(law.inflection**2, 6)          # 1, 1 and 1 / (2 b)
+    (1.0, 1.0, 0.5)
     """
     zero = np.zeros(1)
     slope = float(np.asarray(law.df(zero))[0])

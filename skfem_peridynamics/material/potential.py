@@ -21,10 +21,30 @@ _LARGEST = 1e300  # that is squared nowhere
 class Potential:
     """A smooth, increasing, concave ``f(q)`` with ``f(0) = 0``, initial slope and limit at infinity.
 
-    Derive from it and give ``f, df, d2f`` (arrays to arrays of the same shape) to use a law of your own.
+    The energy of a bond of length r under the strain S is ``f(r S^2)``. For a law of your own, derive from it and
+    give ``f``, ``df`` and ``d2f``, arrays to arrays of the same shape, or see :func:`own_potential`.
 
-    ``slope`` is ``f'(0)`` (a stress), ``limit`` is
-    ``f_inf`` (energy per area, as toughness). Raises ``ValueError`` unless both are positive, and their ratio a number.
+    Parameters
+    ----------
+    slope : float
+        ``f'(0)``, a stress.
+    limit : float
+        ``f_inf``, an energy per area, as toughness is.
+
+    Raises
+    ------
+    ValueError
+        Unless both are positive, and their ratio a number.
+
+    References
+    ----------
+    Paper, section 2.1.
+
+    Examples
+    --------
+    >>> law = Exponential(slope=8.0, limit=2.0)                # a potential, with b = f'(0) / f_inf = 4
+    >>> law.b, law.hessian(np.array([0.0])).tolist()           # F1''(0) = 2 f'(0)
+    (4.0, [16.0])
     """
 
     slope: float
@@ -47,38 +67,144 @@ class Potential:
         return self.slope / self.limit
 
     def f(self, q: Floats) -> Floats:
+        """Return ``f(q)``.
+
+        Parameters
+        ----------
+        q : ndarray
+            ``q = r S^2 = T^2``, not negative, any shape, a length.
+
+        Returns
+        -------
+        ndarray
+            Energies per area, the shape of q.
+
+        Raises
+        ------
+        TypeError
+            Where a law of your own does not define it.
+        """
         raise TypeError(f"{type(self).__name__} must define f(q)")
 
     def df(self, q: Floats) -> Floats:
+        """Return ``f'(q)``.
+
+        Parameters
+        ----------
+        q : ndarray
+            ``q = r S^2 = T^2``, not negative, any shape, a length.
+
+        Returns
+        -------
+        ndarray
+            Stresses, the shape of q.
+
+        Raises
+        ------
+        TypeError
+            Where a law of your own does not define it.
+        """
         raise TypeError(f"{type(self).__name__} must define df(q), the derivative of f")
 
     def d2f(self, q: Floats) -> Floats:
+        """Return ``f''(q)``.
+
+        Parameters
+        ----------
+        q : ndarray
+            ``q = r S^2 = T^2``, not negative, any shape, a length.
+
+        Returns
+        -------
+        ndarray
+            Stresses per length, the shape of q.
+
+        Raises
+        ------
+        TypeError
+            Where a law of your own does not define it.
+        """
         raise TypeError(f"{type(self).__name__} must define d2f(q), the second derivative of f")
 
     # F1 and its derivatives: the only form in which the kernels see a law.
     def energy(self, T: Floats) -> Floats:
-        """Return ``F1(T) = f(T^2)`` of scaled strains T (any shape)."""
+        """Return ``F1(T) = f(T^2)``.
+
+        Parameters
+        ----------
+        T : ndarray
+            Scaled strains ``T = sqrt(r) S``, any shape.
+
+        Returns
+        -------
+        ndarray
+            The shape of T.
+        """
         return self.f(T * T)
 
     def gradient(self, T: Floats) -> Floats:
-        """Return ``F1'(T) = 2 T f'(T^2)``."""
+        """Return ``F1'(T) = 2 T f'(T^2)``.
+
+        Parameters
+        ----------
+        T : ndarray
+            Scaled strains ``T = sqrt(r) S``, any shape.
+
+        Returns
+        -------
+        ndarray
+            The shape of T.
+        """
         g = self.df(T * T)
         g *= T
         g *= 2.0
         return g
 
     def hessian(self, T: Floats) -> Floats:
-        """Return ``F1''(T) = 2 f'(T^2) + 4 T^2 f''(T^2)``; ``hessian(0) = 2 f'(0)``."""
+        """Return ``F1''(T) = 2 f'(T^2) + 4 T^2 f''(T^2)``; ``hessian(0) = 2 f'(0)``.
+
+        Parameters
+        ----------
+        T : ndarray
+            Scaled strains ``T = sqrt(r) S``, any shape.
+
+        Returns
+        -------
+        ndarray
+            The shape of T; it falls from ``2 f'(0)`` and is negative beyond the inflection.
+        """
         q = T * T
         return 2.0 * self.df(q) + 4.0 * q * self.d2f(q)
 
     def secant(self, T: Floats) -> Floats:
-        """Return ``F1'(T) / T = 2 f'(T^2)``."""
+        """Return ``F1'(T) / T = 2 f'(T^2)``.
+
+        Parameters
+        ----------
+        T : ndarray
+            Scaled strains ``T = sqrt(r) S``, any shape.
+
+        Returns
+        -------
+        ndarray
+            The shape of T; never negative.
+        """
         g: Floats = 2.0 * self.df(T * T)
         return g
 
     def severity(self, T: Floats) -> Floats:
-        """Return ``Z = |S| / S_c = |T| / rbar``: beyond 1 a bond has softened; 0 for a law that never does."""
+        """Return ``Z = |S| / S_c = |T| / rbar``: beyond 1 a bond has softened.
+
+        Parameters
+        ----------
+        T : ndarray
+            Scaled strains ``T = sqrt(r) S``, any shape.
+
+        Returns
+        -------
+        ndarray
+            The shape of T; 0 for a law that never softens.
+        """
         Z: Floats = np.abs(T)
         Z *= 1.0 / self.inflection
         return Z
@@ -101,7 +227,22 @@ class Potential:
         return float(optimize.brentq(lambda T: float(self.hessian(np.array([T]))[0]), grid[first - 1], grid[first]))
 
     def critical_strain(self, r: Floats | float) -> Floats:
-        """Return ``S_c = rbar / sqrt(r)`` of bonds of length r; beyond it a bond softens (paper, 2.1)."""
+        """Return ``S_c = rbar / sqrt(r)``, beyond which a bond softens.
+
+        Parameters
+        ----------
+        r : float or ndarray
+            Lengths of bonds.
+
+        Returns
+        -------
+        ndarray
+            Strains, dimensionless.
+
+        References
+        ----------
+        Paper, section 2.1.
+        """
         S_c: Floats = self.inflection / np.sqrt(np.asarray(r, dtype=float))
         return S_c
 
@@ -131,6 +272,15 @@ class Potential:
 class Exponential(Potential):
     """``f(q) = C (1 - exp(-b q))`` with ``C = f_inf``, ``b = f'(0) / f_inf``.
 
+    Parameters
+    ----------
+    slope : float
+        ``f'(0)``, a stress.
+    limit : float
+        ``f_inf``, an energy per area.
+
+    Examples
+    --------
     >>> law = Exponential(slope=8.0, limit=2.0)
     >>> round(law.inflection ** 2, 12)           # 1 / (2 b)
     0.125
@@ -173,6 +323,15 @@ class Exponential(Potential):
 class Rational(Potential):
     """``f(q) = C b q / (1 + b q)`` with ``C = f_inf``, ``b = f'(0) / f_inf``.
 
+    Parameters
+    ----------
+    slope : float
+        ``f'(0)``, a stress.
+    limit : float
+        ``f_inf``, an energy per area.
+
+    Examples
+    --------
     >>> Rational(slope=8.0, limit=2.0).f(np.array([0.25]))
     array([1.])
     """
@@ -223,6 +382,15 @@ class Rational(Potential):
 class Linear(Potential):
     """``f(q) = f'(0) q``: bonds that never soften; the reference law and the law of no-fail regions.
 
+    Parameters
+    ----------
+    slope : float
+        ``f'(0)``, a stress.
+    limit : float
+        Infinite: nothing ever breaks.
+
+    Examples
+    --------
     >>> Linear(slope=3.0).gradient(np.array([0.5]))
     array([3.])
     """

@@ -50,15 +50,37 @@ class BondState:
 class Breaking(Peridynamics):
     """A body whose bonds break for good when their strain passes ``at`` times the critical one, ``S_c``.
 
-    Without it, as in the paper, bonds that have softened are whole again when they close. The operators are those of
-    the bonds that are left; schemes call :meth:`force_and_break` once a step, which is the only thing that breaks
-    bonds. ``with_`` returns a body that is whole. With ball rules it computes by sparse products.
+    Without it, as in the paper, bonds that have softened are whole again when they close. The operators are those
+    of the bonds that are left; schemes call :meth:`force_and_break` once a step, which is the only thing that
+    breaks bonds. ``with_`` returns a body that is whole. With ball rules it computes by sparse products.
 
-    A bond that breaks at once when it softens, ``at=1``, has 39 % (exponential law) of the energy that the paper's law
-    takes to open it fully: the measured toughness of a body is lower by as much (docs/model.md).
+    A bond that breaks at once when it softens, ``at=1``, has 39 % (exponential law) of the energy that the paper's
+    law takes to open it fully: the measured toughness of a body is lower by as much (docs/theory/model.md).
 
-    Raises ``ValueError`` for ``at`` below 1, for a law without critical strain, and for one-sided rules.
+    Parameters
+    ----------
+    bonds : BondBasis
+        As of :class:`Peridynamics`, and so up to ``compiled``.
+    material : Material, Composite or Potential
+        Constants, or a law.
+    no_fail : array_like of int, optional
+        Vertices whose bonds stay linear.
+    threads : int, optional
+        How many work.
+    matrix_memory : float, optional
+        Bytes that may be kept.
+    compiled : bool, optional
+        Compiled loops or sparse products.
+    at : float
+        How many times its critical strain a bond bears, 1 or more.
 
+    Raises
+    ------
+    ValueError
+        For ``at`` below 1, for a law without critical strain, and for one-sided rules.
+
+    Examples
+    --------
     >>> import skfem
     >>> from skfem_peridynamics import BondBasis, Exponential
     >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 5)), skfem.ElementVector(skfem.ElementLineP1()))
@@ -112,7 +134,18 @@ class Breaking(Peridynamics):
         return float(sum(parts))
 
     def force_and_break(self, u: Floats) -> Floats:
-        """Break the bonds that are beyond their limit at u; return the force of the others, (N,)."""
+        """Break the bonds that are beyond their limit at u; return the force of the others.
+
+        Parameters
+        ----------
+        u : ndarray, (N,)
+            Displacement, numbered as the basis numbers it.
+
+        Returns
+        -------
+        ndarray, (N,)
+            Forces.
+        """
         u = self._vector(u)
         F, broken = self.engine.break_and_force(u, self.at)
         self.state.last, self.state.energy = [], 0.0
@@ -139,7 +172,18 @@ class Breaking(Peridynamics):
         return broken_bonds
 
     def recall(self, broken: Sequence[Longs] | None) -> None:
-        """Break the listed bonds, block by block: the state of an earlier run. Raises ``ValueError`` if none fit."""
+        """Break the listed bonds: the state of an earlier run.
+
+        Parameters
+        ----------
+        broken : sequence of ndarray of int, or None
+            Numbers of bonds, block by block; None makes all whole.
+
+        Raises
+        ------
+        ValueError
+            If they are not bonds of this body.
+        """
         broken = self._whole().broken if broken is None else broken
         fits = len(broken) == len(self.blocks) and all(
             len(numbers) == 0

@@ -27,8 +27,22 @@ def _at(field: Field, x: Floats, name: str) -> Floats:
 
 
 def body_force(basis: Basis, field: Field) -> Floats:
-    """Return ``(b, phi_i)``, (N,), of a force per volume, by scikit-fem's quadrature.
+    """Return ``(b, phi_i)`` of a force per volume, by scikit-fem's quadrature.
 
+    Parameters
+    ----------
+    basis : skfem.Basis
+        The vector P1 basis.
+    field : array_like, (dim,), or callable
+        A constant vector, or a function of x (dim, ...) that gives one of that shape.
+
+    Returns
+    -------
+    ndarray, (N,)
+        The load.
+
+    Examples
+    --------
     >>> import skfem
     >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 3)), skfem.ElementVector(skfem.ElementLineP1()))
     >>> body_force(basis, [4.0]).tolist()
@@ -42,8 +56,29 @@ def body_force(basis: Basis, field: Field) -> Floats:
 
 
 def traction(basis: Basis, facets: Any, field: Field) -> Floats:
-    """Return ``int t . phi_i ds`` over a set of boundary facets, (N,), of a force per area.
+    """Return ``int t . phi_i ds`` of a force per area over a set of boundary facets.
 
+    Parameters
+    ----------
+    basis : skfem.Basis
+        The vector P1 basis.
+    facets : str, array_like or callable
+        As scikit-fem names facets: a name, indices, or a callable of midpoints.
+    field : array_like, (dim,), or callable
+        A constant vector, or a function of x (dim, ...) that gives one of that shape.
+
+    Returns
+    -------
+    ndarray, (N,)
+        The load.
+
+    Raises
+    ------
+    ValueError
+        For an unknown or an empty set.
+
+    Examples
+    --------
     >>> import skfem
     >>> mesh = skfem.MeshTri().with_defaults()
     >>> basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTriP1()))
@@ -82,8 +117,35 @@ def layer_share(basis: Basis, facets: Any, width: float) -> Floats:
 
 
 def layer_traction(basis: Basis, facets: Any, field: Field, width: float) -> Floats:
-    """Return the load vector (N,) of a traction applied as a body force in a layer (paper, section 2).
+    """Return the load of a traction that is applied as a body force in a layer.
 
+    Parameters
+    ----------
+    basis : skfem.Basis
+        The vector P1 basis.
+    facets : str, array_like or callable
+        As scikit-fem names facets: a name, indices, or a callable of midpoints.
+    field : array_like, (dim,), or callable
+        A force per area.
+    width : float
+        Thickness of the layer, as a rule a horizon.
+
+    Returns
+    -------
+    ndarray, (N,)
+        The load; its sum is that of the traction.
+
+    Raises
+    ------
+    ValueError
+        For a width that is not positive, an unknown or an empty set.
+
+    References
+    ----------
+    Paper, section 2.
+
+    Examples
+    --------
     >>> import skfem
     >>> mesh = skfem.MeshTri.init_tensor(np.linspace(0, 1, 9), np.linspace(0, 2, 17)).with_defaults()
     >>> basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTriP1()))

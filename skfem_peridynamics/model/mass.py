@@ -10,10 +10,29 @@ from ..geometry.simplices import vertex_volumes
 
 
 def mass_matrix(basis: Basis, *, density: float | Floats = 1.0, kind: str = "lumped") -> Csr:
-    """Return ``rho (phi_i, phi_j)`` as csr: ``"lumped"`` (row sums, diagonal) or ``"consistent"`` (scikit-fem's).
+    """Return the mass ``rho (phi_i, phi_j)``.
 
-    ``density`` is a number, or one for each element, (nelements,).
+    Parameters
+    ----------
+    basis : skfem.Basis
+        The vector P1 basis.
+    density : float or ndarray, (nelements,), optional
+        Mass per volume, or one for each element.
+    kind : {"lumped", "consistent"}, optional
+        Row sums on the diagonal, or scikit-fem's matrix.
 
+    Returns
+    -------
+    scipy.sparse.csr_matrix, (N, N)
+        The mass.
+
+    Raises
+    ------
+    ValueError
+        For another kind, and densities that are not positive.
+
+    Examples
+    --------
     >>> import skfem
     >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 3)), skfem.ElementVector(skfem.ElementLineP1()))
     >>> mass_matrix(basis, density=2.0).diagonal().tolist()

@@ -17,8 +17,7 @@ from .._compile import available
 from .._types import Csr, Floats, Longs
 from ..bonds.bond_basis import BondBasis
 from ..engine.block import Block, make_blocks, matrix_bytes
-from ..engine.engine import Engine
-from ..engine.sparse_engine import SparseEngine
+from ..engine.engine import Engine, make_engine
 from ..engine.threads import Threads
 from ..material.composite import Composite
 from ..material.material import Elastic, Material, crossing
@@ -34,15 +33,37 @@ MATRIX_MEMORY = 4e9  # bytes
 class Peridynamics:
     """A body with bonds and a material: the operators of the paper on the vector P1 space.
 
-    ``no_fail`` lists vertices all of whose bonds stay linear for ever (a bond is no-fail when one end is).
-    ``compiled`` asks for compiled loops (the extra ``fast``, numba) or for SciPy's sparse products; None takes the
-    first where they can be had. Both agree to round-off. ``matrix_memory`` is how many bytes may be kept for the
-    operators: the measures of the bonds (compiled loops; made anew at every use where there is less, a fifth slower) or
-    their strain matrices (SciPy; some ten times slower). ``material`` may also be a
-    :class:`~skfem_peridynamics.material.potential.Potential` given directly, or a
-    :class:`~skfem_peridynamics.material.composite.Composite` of several. Arguments and results of the operators
-    are vectors (N,) numbered as the basis numbers them.
+    Arguments and results of the operators are vectors (N,) numbered as the basis numbers them. Compiled loops and
+    sparse products agree to round-off.
 
+    Parameters
+    ----------
+    bonds : BondBasis
+        The bonds.
+    material : Material, Composite or Potential
+        Constants that are calibrated for these bonds, or a law as it is.
+    no_fail : array_like of int, optional
+        Vertices all of whose bonds stay linear for ever: a bond is no-fail when one end is.
+    threads : int, optional
+        How many work on the operators; all cores by default. The bits do not depend on it.
+    matrix_memory : float, optional
+        Bytes that may be kept for the operators: the measures of the bonds (compiled loops; made anew at every use
+        where there is less, a fifth slower) or their strain matrices (sparse products; some ten times slower).
+    compiled : bool, optional
+        Compiled loops (the extra ``fast``, numba) or SciPy's sparse products; by default the first where they can
+        be had.
+
+    Raises
+    ------
+    ValueError
+        From the operators, for vectors of another length and for constants that make no law with these bonds.
+
+    References
+    ----------
+    Paper, eqs. 2.4, 2.6, 2.11 and section 4.3.
+
+    Examples
+    --------
     >>> import skfem
     >>> grid = np.linspace(0, 1, 17)
     >>> basis = skfem.Basis(skfem.MeshTri.init_tensor(grid, grid), skfem.ElementVector(skfem.ElementTriP1()))
@@ -61,7 +82,18 @@ class Peridynamics:
     compiled: bool | None = None
 
     def with_(self, **changes: Any) -> Peridynamics:
-        """Return a copy with other bonds, another material, no-fail vertices or threads."""
+        """Return a copy with other bonds, another material, no-fail vertices or threads.
+
+        Parameters
+        ----------
+        **changes
+            Fields by their names.
+
+        Returns
+        -------
+        Peridynamics
+            The copy.
+        """
         return dataclasses.replace(self, **changes)
 
     @property
@@ -142,12 +174,7 @@ class Peridynamics:
     @cached_property
     def engine(self) -> Engine:
         """What computes the operators: compiled loops where numba is installed, else SciPy's sparse products."""
-        sparse_engine = SparseEngine(self.bonds, self.blocks, self.pool)
-        if not self.compiles:
-            return sparse_engine
-        from ..engine.compiled_engine import CompiledEngine
-
-        return CompiledEngine(sparse_engine)
+        return make_engine(self.bonds, self.blocks, self.pool, self.compiles)
 
     @property
     def compiles(self) -> bool:
@@ -165,40 +192,148 @@ class Peridynamics:
         return u
 
     def inward(self, u: Floats) -> Floats:
-        """Return samples (nsamples, dim) of nodal values. Raises ``ValueError`` for a vector of another length."""
+        """Return what the samples of the rule read of a nodal vector.
+
+        Parameters
+        ----------
+        u : ndarray, (N,)
+            A nodal vector.
+
+        Returns
+        -------
+        ndarray, (nsamples, dim)
+            Its values at the samples.
+
+        Raises
+        ------
+        ValueError
+            For a vector of another length.
+        """
         return self.bonds.samples.take(self._vector(u).reshape(-1, self.bonds.dim))
 
     def each_block(self, u: Floats, function: Callable[[Block, Floats], _T]) -> Iterator[_T]:
-        """Run a function on every block and the scaled strains T of its bonds, in threads; yield in block order."""
+        """Run a function on every block and the scaled strains T of its bonds, in threads.
+
+        Parameters
+        ----------
+        u : ndarray, (N,)
+            Displacement, numbered as the basis numbers it.
+        function : callable
+            Of a block and T, (nbonds of the block,).
+
+        Returns
+        -------
+        iterator
+            The results, in the order of the blocks.
+        """
         return self.engine.each(self._vector(u), function)
 
     # ---- the operators
     def energy(self, u: Floats) -> float:
-        """Return ``PD(u)`` (paper, eq. 2.4 with 2.6)."""
+        """Return ``PD(u)``.
+
+        Parameters
+        ----------
+        u : ndarray, (N,)
+            Displacement, numbered as the basis numbers it.
+
+        Returns
+        -------
+        float
+            The energy, 0 at rest and never negative.
+
+        References
+        ----------
+        Paper, eq. 2.4 with 2.6.
+        """
         return self.engine.energy(self._vector(u))
 
     def force(self, u: Floats) -> Floats:
-        """Return ``-a(u, phi_i)``, minus the gradient of the energy, (N,) (paper, eq. 2.11)."""
+        """Return ``-a(u, phi_i)``, minus the gradient of the energy.
+
+        Parameters
+        ----------
+        u : ndarray, (N,)
+            Displacement, numbered as the basis numbers it.
+
+        Returns
+        -------
+        ndarray, (N,)
+            Forces.
+
+        References
+        ----------
+        Paper, eq. 2.11.
+        """
         return self.engine.force(self._vector(u))
 
     def stiffness(self) -> Csr:
-        """Return the matrix of ``a_l`` (paper, section 4.3), scipy csr (N, N); symmetric when the rule is."""
+        """Return the matrix of ``a_l``; symmetric when the rule is.
+
+        Returns
+        -------
+        scipy.sparse.csr_matrix, (N, N)
+            The stiffness at rest.
+
+        References
+        ----------
+        Paper, section 4.3.
+        """
         return self.assemble([block.rest_stiffness for block in self.blocks])
 
     def tangent(self, u: Floats) -> Csr:
-        """Return minus the gradient of the force at u, scipy csr (N, N); indefinite once bonds soften."""
+        """Return minus the gradient of the force at u; indefinite once bonds soften.
+
+        Parameters
+        ----------
+        u : ndarray, (N,)
+            Displacement, numbered as the basis numbers it.
+
+        Returns
+        -------
+        scipy.sparse.csr_matrix, (N, N)
+            The tangent.
+        """
         return self.assemble(self.hessians(u))
 
     def stiffness_operator(self) -> LinearOperator:
-        """Return ``a_l`` as a matrix-free operator."""
+        """Return ``a_l`` as a matrix-free operator.
+
+        Returns
+        -------
+        scipy.sparse.linalg.LinearOperator, (N, N)
+            Products with the stiffness at rest.
+        """
         return self._operator(None)
 
     def tangent_operator(self, u: Floats) -> LinearOperator:
-        """Return minus the gradient of the force at u as a matrix-free operator; it stores one number per bond."""
+        """Return minus the gradient of the force at u as a matrix-free operator; it stores one number per bond.
+
+        Parameters
+        ----------
+        u : ndarray, (N,)
+            Displacement, numbered as the basis numbers it.
+
+        Returns
+        -------
+        scipy.sparse.linalg.LinearOperator, (N, N)
+            Products with the tangent.
+        """
         return self._operator(self.hessians(u))
 
     def hessians(self, u: Floats) -> list[Floats]:
-        """Return the second derivatives of the energies of all bonds by their scaled strain T, one array a block."""
+        """Return the second derivatives of the energies of all bonds by their scaled strain T.
+
+        Parameters
+        ----------
+        u : ndarray, (N,)
+            Displacement, numbered as the basis numbers it.
+
+        Returns
+        -------
+        list of ndarray
+            An array a block.
+        """
         return list(self.each_block(u, lambda block, T: block.k * block.law.hessian(T)))
 
     def _operator(self, weights: Sequence[Floats] | None) -> LinearOperator:
@@ -211,6 +346,18 @@ class Peridynamics:
         )
 
     def assemble(self, weights: Sequence[Floats]) -> Csr:
+        """Return the matrix of ``sum weight T(u) T(v)`` over the bonds.
+
+        Parameters
+        ----------
+        weights : sequence of ndarray
+            A number a bond, an array a block; from :meth:`hessians` it is the tangent.
+
+        Returns
+        -------
+        scipy.sparse.csr_matrix, (N, N)
+            Exactly symmetric when the rule is.
+        """
         size = self.basis.N
         total = sparse.csr_matrix((size, size))
         rows, cols, values, entries = [], [], [], 0

@@ -24,8 +24,31 @@ def vector_basis(mesh: Mesh, **options: Any) -> Basis:
 
 
 def interpolate(basis: Basis, function: Callable[[Floats], Floats]) -> Floats:
-    """Return ``I_h(function)``: its values at the vertices (paper, section 3); x is (dim, n), so is the result.
+    """Return ``I_h(function)``: its values at the vertices.
 
+    Parameters
+    ----------
+    basis : skfem.Basis
+        The vector P1 basis.
+    function : callable
+        Of x, (dim, n), with results of that shape.
+
+    Returns
+    -------
+    ndarray, (N,)
+        Nodal values.
+
+    Raises
+    ------
+    ValueError
+        For results of another shape.
+
+    References
+    ----------
+    Paper, section 3.
+
+    Examples
+    --------
     >>> import skfem
     >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 3)), skfem.ElementVector(skfem.ElementLineP1()))
     >>> interpolate(basis, lambda x: x**2).tolist()
@@ -39,8 +62,26 @@ def interpolate(basis: Basis, function: Callable[[Floats], Floats]) -> Floats:
 
 
 def project(basis: Basis, function: Callable[[Floats], Floats]) -> Floats:
-    """Return ``r_h(function)``: the L2 projection of scikit-fem (paper, eq. 3.4); x is (dim, ...), so is the result.
+    """Return ``r_h(function)``: the L2 projection of scikit-fem.
 
+    Parameters
+    ----------
+    basis : skfem.Basis
+        The vector P1 basis.
+    function : callable
+        Of x, (dim, ...), with results of that shape.
+
+    Returns
+    -------
+    ndarray, (N,)
+        Nodal values.
+
+    References
+    ----------
+    Paper, eq. 3.4.
+
+    Examples
+    --------
     >>> import skfem
     >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 3)), skfem.ElementVector(skfem.ElementLineP1()))
     >>> project(basis, lambda x: 2 * x).round(12).tolist()

@@ -45,19 +45,57 @@ def central_difference(
 ) -> Iterator[State]:
     """Step ``M u'' = force(u) + load(t)`` from t = 0 (or from ``start``) to ``until``; yield a state per step.
 
-    The first state is the initial one. ``M`` is the lumped or the consistent mass, ``load(t)`` a vector (N,),
-    ``fixed`` the prescribed motions. Every ``watch`` steps the energy balance is checked (0: never; or a :class:`Watch`
-    of your own); ``limit`` only serves the message. Bonds of a
-    :class:`Breaking` body break as they pass their limit. ``start`` continues an earlier run with the same bits. Every
-    ``adapt`` steps (0: never) the limit is estimated again from the tangent, and dt kept at most the same part of it:
-    for laws of your own that stiffen; it takes ``limit`` and a :class:`Peridynamics` with a symmetric rule. The step is
-    never longer than ``dt``: softened bonds that close again are stiff again (docs/stability.md). There is no mass
-    scaling: it buys a longer step with another motion; take :func:`newmark` or :func:`static` where inertia does not
-    matter.
+    The first state is the initial one. Bonds of a :class:`Breaking` body break as they pass their limit. The step
+    is never longer than ``dt``: softened bonds that close again are stiff again (docs/evidence/stability.md). There
+    is no mass scaling: it buys a longer step with another motion; take :func:`newmark` or :func:`static` where
+    inertia does not matter.
 
-    Raises ``ValueError`` for arguments and loads that make no sense and :class:`UnstableRun` when the balance breaks;
-    it holds the last good state.
+    Parameters
+    ----------
+    body : object
+        Anything with ``force(u)``; its ``energy(u)`` is asked for only when energies are read.
+    M : scipy.sparse matrix or ndarray, (N,)
+        The lumped or the consistent mass.
+    u0 : ndarray, (N,), optional
+        Initial displacement, 0 by default.
+    v0 : ndarray, (N,), optional
+        Initial velocity, 0 by default.
+    dt : float
+        The step.
+    until : float
+        The time to end at.
+    load : callable, optional
+        Of t, gives (N,).
+    fixed : sequence of Prescribed, optional
+        Prescribed motions.
+    limit : StepLimit, optional
+        The stable limit; it serves the message.
+    watch : int or Watch, optional
+        Check the energy balance every so many steps; 0 never.
+    start : State, optional
+        Continue an earlier run, with the same bits.
+    adapt : int, optional
+        Estimate the limit again from the tangent every so many steps, and keep dt at most the same part of it: for
+        laws of your own that stiffen. It takes ``limit`` and a symmetric rule; 0 never.
 
+    Yields
+    ------
+    State
+        The motion after each step; views, valid until the next.
+
+    Raises
+    ------
+    ValueError
+        For arguments and loads that make no sense.
+    UnstableRun
+        When the balance breaks; it holds the last good state.
+
+    References
+    ----------
+    Paper, eqs. 4.2 and 4.3.
+
+    Examples
+    --------
     >>> class Spring:
     ...     def force(self, u): return -u
     ...     def energy(self, u): return 0.5 * float(u @ u)

@@ -1,4 +1,4 @@
-"""The largest stable step of the central difference method, four ways (docs/model.md, section 6)."""
+"""The largest stable step of the central difference method, four ways (docs/theory/model.md, section 6)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .lanczos import largest_mode
 from .mass_solver import Lumped, MassSolver, mass_solver
 from .state import State
 
-SAFETY = 0.9  # part of the stable limit that a run takes where nothing is said (docs/stability.md)
+SAFETY = 0.9  # part of the stable limit that a run takes where nothing is said (docs/evidence/stability.md)
 DENSE = 128  # unknowns up to which the whole spectrum is computed
 # Lanczos from one random vector can settle on a neighbour of the largest eigenvalue with a small residual. In a space
 # of 20 vectors it was 0.11 % low at worst over the meshes of tests/solve/test_cfl.py and four starts each, and 1.4 % in
@@ -33,9 +33,26 @@ _MISSED = 5e-3
 class StepLimit:
     """Bounds and estimates of ``lam = sup a_l(u, u) / (rho (u, u))``, each in 1 / time^2; a step is ``2 / sqrt(lam)``.
 
-    ``eigenvalue`` and ``residual``: Ritz value and its residual (nan when Lanczos did not converge).
-    ``nodal_bound``: guaranteed for these bonds. ``row_sum``: what other codes use. ``closed_form``: a bound for the
-    exact integrals, infinite in 1D; a sampled energy can exceed it. ``products``: applications of the stiffness.
+    Parameters
+    ----------
+    eigenvalue : float
+        Ritz value of Lanczos; nan when it did not converge.
+    residual : float
+        Norm of its residual.
+    nodal_bound : float
+        Guaranteed for these bonds.
+    row_sum : float
+        What other codes use.
+    closed_form : float
+        A bound for the exact integrals, infinite in 1D; a sampled energy can exceed it.
+    products : int
+        Applications of the stiffness; 0 where the whole spectrum was computed.
+
+    Examples
+    --------
+    >>> limit = StepLimit(4.0, 0.1, 8.0, 8.0, 8.0, products=40)
+    >>> round(limit.dt, 6)                                       # 2 / sqrt(4.1 * 1.005)
+    0.985269
     """
 
     eigenvalue: float
@@ -57,6 +74,18 @@ class StepLimit:
     def exceeded(self, dt: float) -> bool:
         """Return whether a step is too long for certain: a Ritz value is never above the largest eigenvalue.
 
+        Parameters
+        ----------
+        dt : float
+            A step.
+
+        Returns
+        -------
+        bool
+            True where the step is unstable; False says nothing for certain.
+
+        Examples
+        --------
         >>> StepLimit(4.0, 0.1, 8.0, 8.0, 8.0, products=40).exceeded(1.001)
         True
         """
@@ -65,8 +94,25 @@ class StepLimit:
     def step_for(self, until: float, safety: float = SAFETY) -> float:
         """Return the largest step of at most ``safety`` times the limit that ends a run at ``until`` exactly.
 
-        Raises ``ValueError`` for a time or a safety that is not positive.
+        Parameters
+        ----------
+        until : float
+            The end of the run.
+        safety : float, optional
+            Part of the limit, 0.9 by default.
 
+        Returns
+        -------
+        float
+            The step.
+
+        Raises
+        ------
+        ValueError
+            For a time or a safety that is not positive.
+
+        Examples
+        --------
         >>> StepLimit(4.0, 0.0, 8.0, 8.0, 8.0, products=0).step_for(2.0)        # the limit is 1
         0.6666666666666666
         """
@@ -75,7 +121,13 @@ class StepLimit:
         return until / max(1, ceil(until / (safety * self.dt) - 1e-9))
 
     def steps(self) -> dict[str, float]:
-        """Return the step that each estimate alone would allow (nan where there is none)."""
+        """Return the step that each estimate alone would allow.
+
+        Returns
+        -------
+        dict of str to float
+            By the names of the estimates; nan where there is none.
+        """
         names = ("eigenvalue", "nodal_bound", "closed_form", "row_sum")
         values = {name: float(getattr(self, name)) for name in names}
         return {name: 0.0 if lam == inf else 2.0 / sqrt(lam) for name, lam in values.items()}
@@ -163,13 +215,38 @@ def stable_time_step(
 ) -> StepLimit:
     """Return the largest stable step of the linearised model on this mesh, with all its estimates.
 
-    The paper's condition is ``dt^2/4 sup a_l(u,u)/(u,u) <= 1``. For laws with ``f'' <= 0`` the tangent never exceeds
-    its value at rest, so the limit serves the whole nonlinear run. With ``u`` it is that of the tangent there, for laws
-    that stiffen, and for the part of a run that comes after something stiff has broken.
+    The condition is ``dt^2/4 sup a_l(u,u)/(u,u) <= 1``. For laws with ``f'' <= 0`` the tangent never exceeds its
+    value at rest, so the limit serves the whole nonlinear run.
 
-    ``M`` is the lumped or the consistent mass of the scheme; ``tolerance`` is relative, for the eigenvalue; the
-    default costs 40 products as a rule, and with the margin 0.5 % of the step at most.
+    Parameters
+    ----------
+    body : Peridynamics
+        The body.
+    M : scipy.sparse matrix or ndarray, (N,)
+        The lumped or the consistent mass of the scheme.
+    tolerance : float, optional
+        Relative, of the eigenvalue; the default costs 40 products as a rule, and with the margin 0.5 % of the step
+        at most.
+    u : ndarray, (N,), optional
+        Take the tangent there: for laws that stiffen, and for the part of a run that comes after something stiff
+        has broken.
 
+    Returns
+    -------
+    StepLimit
+        The limit and its estimates.
+
+    Raises
+    ------
+    ValueError
+        When no bond has any stiffness, and when neither an eigenvalue nor a bound is to be had.
+
+    References
+    ----------
+    Paper, section 4.3.
+
+    Examples
+    --------
     >>> import skfem
     >>> from skfem_peridynamics import BondBasis, Linear, mass_matrix
     >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 101)), skfem.ElementVector(skfem.ElementLineP1()))
@@ -197,9 +274,29 @@ def stable_time_step(
 def discrete_energy(K: Any, M: Any, state: State) -> float:
     """Return ``1/2 (rho ||d+ u||^2 + a_l(u^k, u^{k+1}))``, conserved by the linear scheme without loads.
 
-    It equals the paper's ``1/2 (||d+ u||^2 - dt^2/4 a_l(d+ u, d+ u) + a_l(ubar, ubar))`` (theorem 4.4) with density,
-    norms in the scheme's own mass. ``K`` and ``M`` are matrices or operators.
+    It equals the paper's ``1/2 (||d+ u||^2 - dt^2/4 a_l(d+ u, d+ u) + a_l(ubar, ubar))`` with density, norms in the
+    scheme's own mass.
 
+    Parameters
+    ----------
+    K : matrix or operator, (N, N)
+        The stiffness.
+    M : matrix or operator, (N, N)
+        The mass.
+    state : State
+        A state of :func:`central_difference`.
+
+    Returns
+    -------
+    float
+        The energy.
+
+    References
+    ----------
+    Paper, theorem 4.4.
+
+    Examples
+    --------
     >>> import numpy as np
     >>> s = State(t=0.0, step=0, dt=0.5, u=np.ones(1), v=np.zeros(1), a=-np.ones(1), work=0.0, initial=0.0)
     >>> discrete_energy(np.eye(1), np.eye(1), s)            # u1 = 0.875, d+ u = -0.25

@@ -17,13 +17,25 @@ Motion: TypeAlias = npt.ArrayLike | Callable[[float], npt.ArrayLike]
 
 @dataclass(frozen=True, eq=False)
 class Prescribed:
-    """Move some degrees of freedom as given: ``displacement`` or ``velocity``, a number, an array or a function of t.
+    """Move some degrees of freedom as given.
 
-    ``dofs`` is what ``basis.get_dofs(...)`` returns, or an index array; pick components with
-    ``basis.get_dofs("left").all("u^1")``.
+    Parameters
+    ----------
+    dofs : DofsView or array_like of int
+        What ``basis.get_dofs(...)`` returns, or indices; pick components with
+        ``basis.get_dofs("left").all("u^1")``.
+    displacement : float, array_like or callable, optional
+        A number, an array (ndofs,), or a function of t that gives one.
+    velocity : float, array_like or callable, optional
+        The same; one of the two is given.
 
-    Raises ``ValueError`` for an empty set, or unless exactly one of the two motions is given.
+    Raises
+    ------
+    ValueError
+        For an empty set, or unless exactly one of the two motions is given.
 
+    Examples
+    --------
     >>> Prescribed(np.array([0, 1]), velocity=lambda t: 2 * t).mean_velocity(1.0, 3.0).tolist()
     [4.0, 4.0]
     """
@@ -50,11 +62,35 @@ class Prescribed:
         return np.broadcast_to(value, self.dofs.shape)
 
     def start(self, t: float) -> Floats | None:
-        """Displacement at the first time, or None where a velocity is prescribed (the initial value stands)."""
+        """Return the displacement at the first time.
+
+        Parameters
+        ----------
+        t : float
+            The first time.
+
+        Returns
+        -------
+        ndarray, (ndofs,), or None
+            None where a velocity is prescribed: the initial value stands.
+        """
         return None if self.displacement is None else self._value(self.displacement, t)
 
     def mean_velocity(self, t0: float, t1: float) -> Floats:
-        """Velocity that carries the degrees of freedom from their place at t0 to that at t1, (ndofs,)."""
+        """Return the velocity that carries the degrees of freedom from their place at t0 to that at t1.
+
+        Parameters
+        ----------
+        t0 : float
+            A time.
+        t1 : float
+            A later one.
+
+        Returns
+        -------
+        ndarray, (ndofs,)
+            Velocities.
+        """
         if self.displacement is None:
             return self._value(self.velocity, 0.5 * (t0 + t1))
         if not callable(self.displacement):

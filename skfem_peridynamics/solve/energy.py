@@ -11,9 +11,25 @@ from .._types import Floats
 
 @dataclass(frozen=True)
 class Energies:
-    """Energies at one time. ``work`` is that of loads and prescribed motions so far, ``initial`` the first total.
+    """Energies at one time.
 
-    ``dissipated`` is what bonds have taken with them that broke for good.
+    Parameters
+    ----------
+    kinetic : float
+        ``v.M v / 2``.
+    elastic : float
+        ``PD(u)``.
+    work : float
+        That of loads and prescribed motions so far.
+    initial : float
+        The first total.
+    dissipated : float, optional
+        What bonds have taken with them that broke for good.
+
+    Examples
+    --------
+    >>> Energies(kinetic=1.0, elastic=2.0, work=1.5, initial=1.0).imbalance
+    0.5
     """
 
     kinetic: float

@@ -21,7 +21,7 @@ from .tangent_limit import TangentLimit
 BROKEN_BALANCE = 0.1
 # The same where dt is beyond the limit of the linear model for certain. Forces are bounded: an instability stops
 # growing where bonds soften so much that the step is stable again, and that can be soon. On small strains the balance
-# of stable runs is better than 1e-4, of runs at 1.001 of the limit worse than 1.3e-3 (docs/stability.md).
+# of stable runs is better than 1e-4, of runs at 1.001 of the limit worse than 1.3e-3 (docs/evidence/stability.md).
 BROKEN_BEYOND = 1e-3
 ENERGY_FROM_NOWHERE = 100.0
 _EARLY = (10, 30)  # a step far beyond the limit shows itself at once
@@ -30,8 +30,16 @@ _EARLY = (10, 30)  # a step far beyond the limit shows itself at once
 class UnstableRun(RuntimeError):
     """The energy balance broke: the step is too large, or the load is not what was meant.
 
-    ``state`` is a copy of the last state whose balance was seen to hold, at first the initial one; ``step`` is where
-    the alarm was given, ``vertex`` where the acceleration was largest, or the first that is not finite.
+    ``state`` is a copy of the last state whose balance was seen to hold, at first the initial one; ``step`` is
+    where the alarm was given, ``vertex`` where the acceleration was largest, or the first that is not finite.
+
+    Examples
+    --------
+    >>> try:
+    ...     raise UnstableRun("too long a step", step=30)
+    ... except UnstableRun as error:
+    ...     error.step
+    30
     """
 
     def __init__(self, message: str, state: State | None = None, step: int = 0, vertex: int | None = None) -> None:

@@ -45,19 +45,66 @@ def newmark(
     linear: str = "auto",
     effort: Effort | None = None,
 ) -> Iterator[State]:
-    """Step ``M u'' = force(u) + load(t)`` implicitly; the arguments are those of :func:`central_difference`, and more.
+    """Step ``M u'' = force(u) + load(t)`` implicitly; yield a state per step.
 
-    Each step is the minimum of the energy plus inertia, found by Newton's method on the exact tangent, applied bond by
-    bond, to ``tolerance`` of the forces. ``linear`` names what its linear solves are preconditioned with: ``"blocks"``
-    of vertices, ``"amg"`` (a pyamg cycle that knows the rigid motions), ``"direct"`` (a sparse factor of the system at
-    rest), or ``"auto"``. Where Newton fails the step is cut in half, and grown again once it is easy; the states tell
-    the step they were made with. ``(beta, gamma) = (1/4, 1/2)`` is stable at any step for the linear model and keeps
-    its energy; ``gamma > 1/2`` damps what the step does not resolve, to first order in dt. ``effort`` is added to.
+    Each step is the minimum of the energy plus inertia, found by Newton's method on the exact tangent, applied bond
+    by bond. Where Newton fails the step is cut in half, and grown again once it is easy; the states tell the step
+    they were made with. ``(beta, gamma) = (1/4, 1/2)`` is stable at any step for the linear model and keeps its
+    energy; ``gamma > 1/2`` damps what the step does not resolve, to first order in dt.
 
-    Raises ``ValueError`` for ``beta <= 0`` (that is central difference), ``gamma < 1/2`` (it grows at any step) and
-    one-sided rules, whose force is the gradient of no energy; :class:`NotConverged`, with the last state, when the
-    step is cut to a thousandth; :class:`UnstableRun` when energy comes from nowhere.
+    Parameters
+    ----------
+    body : Peridynamics
+        The body.
+    M : scipy.sparse matrix or ndarray, (N,)
+        The lumped or the consistent mass.
+    u0 : ndarray, (N,), optional
+        Initial displacement, 0 by default.
+    v0 : ndarray, (N,), optional
+        Initial velocity, 0 by default.
+    dt : float
+        The step.
+    until : float
+        The time to end at.
+    beta : float, optional
+        Of Newmark, positive: 0 is central difference.
+    gamma : float, optional
+        Of Newmark, at least 1/2.
+    load : callable, optional
+        Of t, gives (N,).
+    fixed : sequence of Prescribed, optional
+        Prescribed motions.
+    limit : StepLimit, optional
+        The stable limit; it serves the message.
+    watch : int or Watch, optional
+        Check the energy balance every so many steps; 0 never.
+    start : State, optional
+        Continue an earlier run, with the same bits.
+    tolerance : float, optional
+        Of each step, relative to the forces.
+    linear : {"auto", "blocks", "amg", "direct"}, optional
+        What linear solves are preconditioned with: blocks of vertices, a pyamg cycle that knows the rigid motions,
+        a sparse factor of the system at rest, or what is cheapest.
+    effort : Effort, optional
+        What solving costs is added to it.
 
+    Yields
+    ------
+    State
+        The motion after each step.
+
+    Raises
+    ------
+    ValueError
+        For ``beta <= 0``, ``gamma < 1/2`` (it grows at any step) and one-sided rules, whose force is the gradient
+        of no energy.
+    NotConverged
+        With the last state, when the step is cut to a thousandth.
+    UnstableRun
+        When energy comes from nowhere.
+
+    Examples
+    --------
     >>> import skfem
     >>> from skfem_peridynamics import BondBasis, Linear, mass_matrix, stable_time_step
     >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 41)), skfem.ElementVector(skfem.ElementLineP1()))

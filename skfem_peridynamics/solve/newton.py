@@ -24,7 +24,7 @@ _EPS = float(np.finfo(float).eps)
 MOST = 60  # iterations of Newton's method
 _POWERS = (0.0, 0.5, 1.0)  # of the stiffness that forces are divided by to be compared
 # Of the scaled strain at which a bond's force is largest: bonds below the first hold, and come nearer by the second at
-# most. Measured in docs/stability.md.
+# most. Measured in docs/evidence/stability.md.
 _HOLDS, _NEARER = 2.0, 0.7
 _AWAY = 1e3  # sizes of the body
 _INNER = 3000  # products of one linear solve
@@ -32,7 +32,13 @@ _SUFFICIENT, _CURVATURE = 1e-4, 0.9  # of the line search
 
 
 class NotConverged(RuntimeError):
-    """No equilibrium or no end of an implicit step was found; ``state`` is the last one that was, a copy."""
+    """No equilibrium or no end of an implicit step was found; ``state`` is the last one that was, a copy.
+
+    Examples
+    --------
+    >>> NotConverged("cut too often").state is None
+    True
+    """
 
     def __init__(self, message: str, state: Any = None) -> None:
         super().__init__(message)
@@ -123,7 +129,24 @@ class Objective:
 
 @dataclass
 class Effort:
-    """What solving has cost so far: Newton iterations, products with the Hessian, evaluations of the energy."""
+    """What solving has cost so far.
+
+    Parameters
+    ----------
+    iterations : int
+        Of Newton's method.
+    products : int
+        With the Hessian.
+    evaluations : int
+        Of the energy.
+    negative : int
+        Directions of negative curvature that were met.
+
+    Examples
+    --------
+    >>> Effort(iterations=2).products
+    0
+    """
 
     iterations: int = 0
     products: int = 0

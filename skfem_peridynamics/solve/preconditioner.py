@@ -1,9 +1,10 @@
 """What makes the linear systems of an implicit step easy: blocks of vertices, a multigrid cycle or a factor.
 
 The system is ``K + shift M`` on the degrees of freedom that are not prescribed, K the stiffness at rest or, when the
-body has changed, what is left of the tangent. Measured in docs/stability.md: a factor makes the next step ten times
-cheaper than the others can, and takes seconds to make from some 15,000 unknowns on in 2D; beyond, a multigrid cycle
-pays where a step is long; the blocks of vertices need no matrix, and do for steps of some ten times the explicit one.
+body has changed, what is left of the tangent. Measured in docs/evidence/stability.md: a factor makes the next step
+ten times cheaper than the others can, and takes seconds to make from some 15,000 unknowns on in 2D; beyond, a
+multigrid cycle pays where a step is long; the blocks of vertices need no matrix, and do for steps of some ten times the
+explicit one.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ _SLOW = 40  # products of a solve that could be faster
 _REMAINS = 1e-3  # of a softened bond, so that what it held is held
 # What it takes to make one, in products with the Hessian.
 _PRICE = {"blocks": 40, "amg": 250, "direct": 400}
-# Where nothing is said (docs/stability.md): entries of the stiffness up to which a factor is made, the length of a step
-# over the explicit one from which a multigrid cycle pays, and the bytes that an entry takes while one is made.
+# Where nothing is said (docs/evidence/stability.md): entries of the stiffness up to which a factor is made, the length
+# of a step over the explicit one from which a multigrid cycle pays, and the bytes that an entry takes meanwhile.
 FACTOR_ENTRIES, LONG_STEP, _BYTES = 2e6, 30.0, 40.0
 
 

@@ -27,9 +27,41 @@ def read_only(*arrays: Floats) -> list[Floats]:
 class State:
     """The motion at one time: read-only views, valid until the next step; :meth:`copy` keeps them.
 
-    ``v`` is the velocity at the full step, second order in dt: ``(u^{k+1} - u^{k-1}) / (2 dt)``; ``a`` the
-    acceleration, so that ``v + dt a / 2`` is the paper's next difference quotient. ``memory`` is what the linear solver
-    of an implicit scheme has learnt, ``broken`` the bonds of a body that lets them break, ``dissipated`` their energy.
+    Parameters
+    ----------
+    t : float
+        The time.
+    step : int
+        How many steps were made.
+    dt : float
+        The step.
+    u : ndarray, (N,)
+        Displacement.
+    v : ndarray, (N,)
+        Velocity at the full step, second order in dt: ``(u^{k+1} - u^{k-1}) / (2 dt)``.
+    a : ndarray, (N,)
+        Acceleration, so that ``v + dt a / 2`` is the paper's next difference quotient.
+    work : float
+        That of loads and prescribed motions so far.
+    initial : float
+        The first energy.
+    initial_ripple : float, optional
+        The first :attr:`ripple`.
+    lag : float, optional
+        ``gamma/2 - beta`` of Newmark's family, 1/4 for central difference.
+    memory : SolverMemory, optional
+        What the linear solver of an implicit scheme has learnt.
+    dissipated : float, optional
+        Energy of the bonds that have broken for good.
+    broken : tuple of ndarray of int, optional
+        These bonds, block by block.
+
+    Examples
+    --------
+    >>> from skfem_peridynamics.solve.mass_solver import Lumped
+    >>> x = np.ones(2)
+    >>> State(t=0.5, step=1, dt=0.5, u=x, v=x, a=x, work=0.0, initial=1.0, _mass=Lumped(3.0 * x)).kinetic
+    3.0
     """
 
     NUMBERS: ClassVar = ("t", "step", "dt", "work", "initial", "initial_ripple", "lag", "dissipated")
@@ -70,7 +102,13 @@ class State:
         return Energies(self.kinetic, float(self._body.energy(self.u)), self.work, self.initial, self.dissipated)
 
     def copy(self) -> State:
-        """Return a state that later steps leave alone."""
+        """Return a state that later steps leave alone.
+
+        Returns
+        -------
+        State
+            The copy.
+        """
         kept = dataclasses.replace(self, u=self.u.copy(), v=self.v.copy(), a=self.a.copy())
         if self.broken is not None and self._body is not None:  # later its energy is that of fewer bonds
             kept.__dict__["energies"] = self.energies
@@ -81,10 +119,36 @@ class State:
 class Equilibrium:
     """A body at rest at one point of a path: read-only views, valid until the next step; :meth:`copy` keeps them.
 
-    ``t`` is what loads and displacements were asked for, ``dt`` the last step of it; ``reaction`` (N,) holds what is
-    prescribed, 0 elsewhere; ``work`` is that of loads and prescribed motions so far, ``initial`` the first energy.
-    ``change`` is how u changed in the last step, by which the next is guessed, ``memory`` what the linear solver has
-    learnt; ``broken`` and ``dissipated`` are the bonds that have broken for good, and their energy.
+    Parameters
+    ----------
+    t : float
+        What loads and displacements were asked for.
+    step : int
+        How many steps were made.
+    dt : float
+        The last step of t.
+    u : ndarray, (N,)
+        Displacement.
+    reaction : ndarray, (N,)
+        What holds the prescribed degrees of freedom, 0 elsewhere.
+    work : float
+        That of loads and prescribed motions so far.
+    initial : float
+        The first energy.
+    change : ndarray, (N,), optional
+        How u changed in the last step, by which the next is guessed.
+    memory : SolverMemory, optional
+        What the linear solver has learnt.
+    dissipated : float, optional
+        Energy of the bonds that have broken for good.
+    broken : tuple of ndarray of int, optional
+        These bonds, block by block.
+
+    Examples
+    --------
+    >>> x = np.zeros(1)
+    >>> Equilibrium(t=1.0, step=1, dt=1.0, u=x, reaction=x, work=0.0, initial=0.0).kinetic
+    0.0
     """
 
     NUMBERS: ClassVar = ("t", "step", "dt", "work", "initial", "dissipated")
@@ -119,7 +183,13 @@ class Equilibrium:
         return self.elastic + self.dissipated - self.work - self.initial
 
     def copy(self) -> Equilibrium:
-        """Return an equilibrium that later steps leave alone."""
+        """Return an equilibrium that later steps leave alone.
+
+        Returns
+        -------
+        Equilibrium
+            The copy.
+        """
         change = None if self.change is None else self.change.copy()
         kept = dataclasses.replace(self, u=self.u.copy(), reaction=self.reaction.copy(), change=change)
         if self.broken is not None and self._body is not None:  # later its energy is that of fewer bonds

@@ -15,6 +15,15 @@ from .state import State, contents, rebuilt
 def save_state(path: str | Path, state: State) -> None:
     """Write a state to an ``.npz`` file, aside and renamed, so that it is never half written.
 
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    state : State
+        What to keep.
+
+    Examples
+    --------
     >>> import tempfile
     >>> place = Path(tempfile.mkdtemp()) / "state.npz"
     >>> x = np.ones(2)
@@ -35,7 +44,30 @@ def save_state(path: str | Path, state: State) -> None:
 def load_state(path: str | Path) -> State:
     """Read a state that :func:`save_state` wrote, to continue from with ``start=`` of its scheme.
 
-    Raises ``ValueError`` for a file that is none. Nothing is unpickled.
+    Nothing is unpickled.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    State
+        The state.
+
+    Raises
+    ------
+    ValueError
+        For a file that is none.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> place, x = Path(tempfile.mkdtemp()) / "state.npz", np.ones(2)
+    >>> save_state(place, State(t=0.5, step=1, dt=0.5, u=x, v=x, a=x, work=0.0, initial=1.0))
+    >>> load_state(place).t
+    0.5
     """
     try:
         with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:

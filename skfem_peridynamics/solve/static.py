@@ -37,19 +37,52 @@ def static(
     effort: Effort | None = None,
     start: Equilibrium | None = None,
 ) -> Iterator[Equilibrium]:
-    """Follow the equilibria ``force(u) + load(t) = 0`` from t = 0 to ``until`` in so many steps; yield one per step.
+    """Follow the equilibria ``force(u) + load(t) = 0`` from t = 0 to ``until``; yield one per step.
 
     t is no time but how far loads and displacements have come. Each equilibrium is a minimum of ``PD(u) - load.u``,
-    found by Newton's method from where the last two point to, so that prescribed displacements lead through the largest
-    force and down the other side. Where a crack runs away within a step the next minimum below is taken, and the energy
-    that is lost is in ``imbalance``. ``linear`` and ``effort`` are those of :func:`newmark`. A step without an
-    equilibrium is cut in half, and grown again. ``start`` continues an earlier path with the
-    same bits.
+    found by Newton's method from where the last two point to, so that prescribed displacements lead through the
+    largest force and down the other side. Where a crack runs away within a step the next minimum below is taken,
+    and the energy that is lost is in ``imbalance``. A step without an equilibrium is cut in half, and grown again.
 
-    Raises ``ValueError`` for a body, or a part of one, that can move rigidly, for bonds that leave a vertex free, and
-    for one-sided rules; :class:`NotConverged`, with the last equilibrium in its ``state``, when the step is cut to a
-    thousandth: a load beyond the largest that the body carries has no equilibrium.
+    Parameters
+    ----------
+    body : Peridynamics
+        The body.
+    u0 : ndarray, (N,), optional
+        Where to look for the first equilibrium.
+    steps : int
+        Into how many the path is divided.
+    until : float, optional
+        The end of the path.
+    load : callable, optional
+        Of t, gives (N,).
+    fixed : sequence of Prescribed, optional
+        Prescribed motions.
+    tolerance : float, optional
+        Of each equilibrium, relative to the forces.
+    linear : {"auto", "blocks", "amg", "direct"}, optional
+        As of :func:`newmark`.
+    effort : Effort, optional
+        What solving costs is added to it.
+    start : Equilibrium, optional
+        Continue an earlier path, with the same bits.
 
+    Yields
+    ------
+    Equilibrium
+        One per step.
+
+    Raises
+    ------
+    ValueError
+        For a body, or a part of one, that can move rigidly, for bonds that leave a vertex free, and for one-sided
+        rules.
+    NotConverged
+        With the last equilibrium in its ``state``, when the step is cut to a thousandth: a load beyond the largest
+        that the body carries has no equilibrium.
+
+    Examples
+    --------
     >>> import skfem
     >>> from skfem_peridynamics import BondBasis, Linear
     >>> basis = skfem.Basis(skfem.MeshLine(np.linspace(0, 1, 41)), skfem.ElementVector(skfem.ElementLineP1()))

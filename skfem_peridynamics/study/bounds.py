@@ -1,4 +1,4 @@
-"""The paper's constants and estimates as functions, and its discussion section recomputed (docs/model.md)."""
+"""The paper's constants and estimates as functions, and its discussion section recomputed (docs/theory/model.md)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def lipschitz_constant(law: Potential, influence: Any, dim: int) -> float:
 
 
 def sharper_constant(law: Potential, influence: Any, dim: int) -> float:
-    """Return ``L1 / d``, the bound of docs/model.md: bonds pull along themselves, in one direction of d."""
+    """Return ``L1 / d``, the bound of docs/theory/model.md: bonds pull along themselves, in one direction of d."""
     return lipschitz_constant(law, influence, dim) / dim
 
 

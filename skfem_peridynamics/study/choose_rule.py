@@ -1,4 +1,4 @@
-"""Choose the rule of a scene by measured tables of error against seconds (docs/error_against_run_time.md)."""
+"""Choose the rule of a scene by measured tables of error against seconds (docs/evidence/error_against_run_time.md)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ CANDIDATES: dict[int, tuple[Discretisation, ...]] = {
 }
 DEFAULT_TOLERANCE = 1e-2
 _IRREGULAR = 0.05  # relative spread of the volumes of inner vertices; 0 on a lattice, 0.2 on a random mesh
-_ENOUGH = 2.75  # vertices per horizon from which weights can be balanced on any mesh (docs/verification.md)
+_ENOUGH = 2.75  # vertices per horizon from which weights can be balanced on any mesh (docs/evidence/verification.md)
 
 
 @dataclass(frozen=True)

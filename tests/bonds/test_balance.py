@@ -283,7 +283,7 @@ def test_forces_of_smooth_fields(kind):
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["structured", "random", "graded"])
 def test_forces_of_smooth_fields_at_two_sizes(kind):
-    """The table of docs/verification.md."""
+    """The table of docs/evidence/verification.md."""
     rules = [
         (PairRule(), False),
         (PairRule(), True),

@@ -1,4 +1,4 @@
-"""Energies of linear fields against closed forms (docs/model.md, section 9), and wave speeds on infinite lattices."""
+"""Energies of linear fields against closed forms (docs/theory/model.md, section 9), and wave speeds on lattices."""
 
 import numpy as np
 import pytest

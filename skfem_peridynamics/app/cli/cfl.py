@@ -43,9 +43,9 @@ def cfl(arguments: argparse.Namespace) -> int:
         "version": __version__,
     }
     if arguments.json:
-        from ..files.history import _plain
+        from ..files.history import plain
 
-        print(json.dumps(_plain(numbers), indent=2, allow_nan=False))
+        print(json.dumps(plain(numbers), indent=2, allow_nan=False))
         return 0
     steps = limit.steps()
 

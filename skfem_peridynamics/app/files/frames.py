@@ -63,11 +63,28 @@ def frame_name(number: int) -> str:
 class Frames:
     """Write fields at vertices as ``frame_0000.vtu, ...`` and ``frames.pvd`` into a folder.
 
-    Vectors (N,) of the basis get three components, as ParaView likes them; scalars are (nvertices,), symmetric tensors
-    (nvertices, 6): xx, yy, zz, xy, yz, xz. Each known field carries its unit, in words of ``units``. Fields are in
-    single precision, compressed. Frames that an earlier run left there are removed first, but those of ``times``,
-    which are continued. Raises ``OutputError`` where a file cannot be written.
+    Vectors (N,) of the basis get three components, as ParaView likes them; scalars are (nvertices,), symmetric
+    tensors (nvertices, 6): xx, yy, zz, xy, yz, xz. Fields are in single precision, compressed. Frames that an
+    earlier run left there are removed first, but those of ``times``, which are continued.
 
+    Parameters
+    ----------
+    folder : str or Path
+        Where to; made where it is not there.
+    basis : skfem.Basis
+        The vector P1 basis of the fields.
+    times : sequence of float, optional
+        Times of the frames that are there already and stay.
+    units : UnitsTable, optional
+        What each known field carries as its unit, in words.
+
+    Raises
+    ------
+    OutputError
+        Where a file cannot be written.
+
+    Examples
+    --------
     >>> import tempfile, skfem
     >>> basis = skfem.Basis(skfem.MeshTri(), skfem.ElementVector(skfem.ElementTriP1()))
     >>> frames = Frames(tempfile.mkdtemp(), basis)
@@ -88,7 +105,25 @@ class Frames:
         clear_frames(self.folder, len(self.times))
 
     def write(self, t: float, **fields: Floats) -> Path:
-        """Write one frame and return its path. Raises ``ValueError`` for a field of another length."""
+        """Write one frame and return its path.
+
+        Parameters
+        ----------
+        t : float
+            Its time.
+        **fields
+            Vectors, scalars and tensors by their names.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        ValueError
+            For a field of another length.
+        """
         import meshio
 
         mesh = self.basis.mesh

@@ -65,12 +65,12 @@ class History:
 
 def write_summary(path: Path, summary: dict[str, Any]) -> None:
     """Write ``summary.json``; what is not a number becomes null."""
-    write_whole(path, json.dumps(_plain(summary), indent=2, allow_nan=False) + "\n")
+    write_whole(path, json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     if isinstance(value, dict):
-        return {name: _plain(entry) for name, entry in value.items()}
+        return {name: plain(entry) for name, entry in value.items()}
     if isinstance(value, float):
         return value if np.isfinite(value) else None
     return value

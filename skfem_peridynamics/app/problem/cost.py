@@ -18,8 +18,8 @@ PER_IMPLICIT_STEP = 50  # evaluations of force, energy or tangent; 75 in example
 _PROGRAM = 120_000_000  # bytes of the interpreter and the libraries
 _BALANCING = {1: 180, 2: 400, 3: 800}  # bytes a bond while weights are balanced
 _LOADING = 1.0  # seconds that it takes to load compiled loops, with what numba itself loads
-# seconds (docs/performance.md): a bond and force by sparse products; a bond and step of a whole run on two cores, its
-# history and frames included, by either engine
+# seconds (docs/evidence/performance.md): a bond and force by sparse products; a bond and step of a whole run on two
+# cores, its history and frames included, by either engine
 _SPARSE_FORCE, _SPARSE_STEP, _COMPILED_STEP = 7e-9, 22e-9, 6e-9
 # seconds a vertex and a bond of a set-up, a bond while weights are balanced, a vertex of a frame
 _VERTEX, _BOND, _BALANCED_BOND, _IN_FRAME = 3e-6, 1.2e-7, 6e-5, 6e-6

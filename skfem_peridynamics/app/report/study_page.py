@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from collections.abc import Callable, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -11,9 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from ..._version import __version__
 from ...study.measure import Row, as_dict
 from ...study.rates import pareto, seconds_to
 from ...study.result import Result, rates
+from ..files.history import plain
 from ..files.whole_files import write_whole
 from .figure import new_figure, save
 
@@ -36,8 +39,25 @@ def write_study(folder: Path, result: Result, pictures: bool) -> list[str]:
     if pictures and result.rows:
         plot_work_precision(folder / "study.png", result.rows, result.what)
         names.append("study.png")
-    write_whole(folder / "study.json", result.as_json())
+    write_whole(folder / "study.json", as_json(result))
     return names
+
+
+def as_json(result: Result) -> str:
+    """Return all of a study as JSON."""
+    content = {
+        "study": result.name,
+        "what": result.what,
+        "quick": result.quick,
+        "version": __version__,
+        "rows": [plain(as_dict(row)) for row in result.rows],
+        "tables": [
+            {"heading": heading, "columns": list(columns), "rows": [[plain(x) for x in row] for row in rows]}
+            for heading, columns, rows in result.tables
+        ],
+        "notes": result.notes,
+    }
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
 def as_csv(result: Result) -> str:

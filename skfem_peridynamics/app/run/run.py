@@ -51,20 +51,61 @@ def run(
     resume: bool | None = None,
     with_report: bool = False,
 ) -> dict[str, Any]:
-    """Run a scene, write its files into ``out`` and return the summary.
+    """Run a scene, write its files into a folder and return the summary.
 
     Everything the scene says is checked before the folder is made. The files: ``frame_*.vtu`` and ``frames.pvd``,
-    ``history.csv``, ``damage.png`` and ``energies.png``, and last ``summary.json``; while it goes on also checkpoints.
-    What an earlier run left there under these names is removed first, unless that is more than a minute of this very
-    run, not finished: then say ``resume=True`` to go on with it or ``resume=False`` to start over. Going on gives the
-    same bytes as one run would have; without a checkpoint it starts afresh, and what is finished stays as it is.
-    ``with_report`` writes ``report.html`` from the files at the end, also where the run breaks down.
+    ``history.csv``, ``damage.png`` and ``energies.png``, and last ``summary.json``; while it goes on also
+    checkpoints. What an earlier run left there under these names is removed first, unless that is more than a
+    minute of this very run, not finished. Going on gives the same bytes as one run would have; without a checkpoint
+    it starts afresh, and what is finished stays as it is.
 
     SIGINT, SIGTERM and SIGHUP, where the host does not handle them, end the run with a checkpoint after the step at
-    hand (``Interrupted``, a ``KeyboardInterrupt``). Raises :class:`SceneError` for a scene that makes no sense, a
-    folder in use, or a checkpoint of another run; ``OutputError`` for a file that cannot be written; ``UnstableRun``
-    when the energy balance breaks: the last state whose balance held is then the checkpoint. What was written until
-    then stays, and the summary says why the run stopped.
+    hand (``Interrupted``, a ``KeyboardInterrupt``).
+
+    Parameters
+    ----------
+    scene : Scene
+        What to run.
+    out : str or Path
+        The folder.
+    progress : Progress, optional
+        Hears of each step; silent by default.
+    with_estimate : bool, optional
+        Run the scene again on a refined mesh: its error.
+    resume : bool, optional
+        True goes on with what is there, False starts over; by default a long unfinished run is not overwritten.
+    with_report : bool, optional
+        Write ``report.html`` from the files at the end, also where the run breaks down.
+
+    Returns
+    -------
+    dict
+        What ``summary.json`` holds: seconds by phase, energy drift, and what came out.
+
+    Raises
+    ------
+    SceneError
+        For a scene that makes no sense, a folder in use, or a checkpoint of another run.
+    OutputError
+        For a file that cannot be written.
+    UnstableRun
+        When the energy balance breaks: the last state whose balance held is then the checkpoint. What was written
+        until then stays, and the summary says why the run stopped.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> scene = Scene.parse('''
+    ... mesh = {box = [[0, 1]], divisions = [10]}
+    ... material = {young = 1.0, toughness = 1.0, density = 1.0}
+    ... bonds = {horizon = 0.2}
+    ... initial = {velocity = ["1e-3*x"]}
+    ... time = {until = 1.0}
+    ... output = {frames = 0, pictures = false}
+    ... ''')
+    >>> summary = run(scene, tempfile.mkdtemp())
+    >>> summary["status"], summary["nodes"], summary["softened_bonds"]
+    ('finished', 11, 0)
     """
     out = Path(out)
     if "\0" in str(out):

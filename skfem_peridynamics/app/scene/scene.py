@@ -189,8 +189,50 @@ class OutputTable:
 
 @dataclass(frozen=True)
 class Scene:
-    """One run, as read from TOML or built in Python.
+    """One run, as read from TOML or built in Python; docs/howto/scenes.md has every key.
 
+    Parameters
+    ----------
+    mesh : MeshTable
+        A box or a file.
+    material : MaterialTable
+        Constants.
+    bonds : BondsTable
+        Horizon, influence, rule.
+    time : TimeTable
+        Until when, and how.
+    title : str
+        What reports call it.
+    inclusion : tuple of InclusionTable
+        Other materials.
+    crack : tuple of CrackTable
+        Pre-cracks.
+    no_fail : tuple of NoFailTable
+        Regions whose bonds stay linear.
+    load : tuple of LoadTable
+        Body forces and tractions.
+    fixed : tuple of FixedTable
+        Prescribed motions.
+    initial : InitialTable
+        Displacement and velocity at t = 0.
+    measure : MeasureTable
+        Columns of the history.
+    probe : tuple of ProbeTable
+        Points of the body.
+    units : UnitsTable
+        Words for units.
+    output : OutputTable
+        Frames, rows, pictures, checkpoints.
+    folder : Path
+        Where it was read from; not a key.
+
+    Raises
+    ------
+    SceneError
+        Where something is not as it should be; the message names the key and its value.
+
+    Examples
+    --------
     >>> scene = Scene.parse('''
     ... mesh = {box = [[0, 1]], divisions = [10]}
     ... material = {young = 1.0, toughness = 1.0, density = 1.0}
@@ -220,7 +262,25 @@ class Scene:
 
     @classmethod
     def parse(cls, content: str, folder: Path = Path()) -> Scene:
-        """Read TOML text; a mesh file is looked for relative to ``folder``. Raises :class:`SceneError`."""
+        """Read TOML text.
+
+        Parameters
+        ----------
+        content : str
+            The text.
+        folder : Path, optional
+            Where a mesh file is looked for.
+
+        Returns
+        -------
+        Scene
+            The scene.
+
+        Raises
+        ------
+        SceneError
+            For text that is not TOML, and for keys and values that make no sense.
+        """
         try:
             tables = tomllib.loads(content)
         except tomllib.TOMLDecodeError as error:
@@ -233,12 +293,46 @@ class Scene:
 
     @classmethod
     def of(cls, tables: Mapping[str, Any], folder: Path = Path()) -> Scene:
-        """Read the tables of a scene, as TOML gives them and as ``summary.json`` keeps them under ``run.scene``."""
+        """Read the tables of a scene, as TOML gives them and as ``summary.json`` keeps them under ``run.scene``.
+
+        Parameters
+        ----------
+        tables : mapping
+            Tables and their keys.
+        folder : Path, optional
+            Where a mesh file is looked for.
+
+        Returns
+        -------
+        Scene
+            The scene.
+
+        Raises
+        ------
+        SceneError
+            For keys and values that make no sense.
+        """
         return dataclasses.replace(table(cls)(tables, ""), folder=folder)
 
     @classmethod
     def read(cls, path: str | Path) -> Scene:
-        """Read a TOML file. Raises :class:`SceneError` with the file's name in front."""
+        """Read a TOML file.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file.
+
+        Returns
+        -------
+        Scene
+            The scene.
+
+        Raises
+        ------
+        SceneError
+            With the file's name in front.
+        """
         path = Path(path)
         try:
             content = path.read_bytes().decode()
