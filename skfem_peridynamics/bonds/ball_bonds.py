@@ -52,7 +52,7 @@ class BallBonds:
     """
 
     samples: Samples
-    fan: BallStencil
+    stencil: BallStencil
     first: int
     width: int
     site: Ints
@@ -69,8 +69,9 @@ class BallBonds:
         """Weights of the plain double integral, (nbonds,)."""
         if self.given is not None:
             return self.given
+        # sites are in order, and a part has a run of them: their volumes are found by bisection
         which = np.searchsorted(self.samples.sites, self.first + self.site)
-        return self.fan.weights(self.reach, self.samples.volume[which]).ravel()
+        return self.stencil.weights(self.reach, self.samples.volume[which]).ravel()
 
     def with_weight(self, weight: Floats) -> BallBonds:
         return dataclasses.replace(self, given=weight)
@@ -87,23 +88,24 @@ class BallBonds:
 
     def vectors(self) -> Floats:
         """Return ``xi = y - x``, (nbonds, dim)."""
-        r = self.fan.distances(self.reach)
-        return (r[..., None] * self.fan.directions[:, None, :]).reshape(-1, self.fan.directions.shape[1])
+        r = self.stencil.distances(self.reach)
+        return (r[..., None] * self.stencil.directions[:, None, :]).reshape(-1, self.stencil.directions.shape[1])
 
     def barycentric(self) -> Floats:
         """Return the barycentric coordinates of y in its element, (nbonds, dim + 1)."""
         x = np.repeat(self.samples.points[self.first + self.site], self.per_site, axis=0)
-        return self.fan.tracer.barycentric(self.element.ravel(), x + self.vectors())
+        return self.stencil.tracer.barycentric(self.element.ravel(), x + self.vectors())
 
     def incidence(self, sign: float = -1.0) -> Csr:
         """Return the matrix that takes samples of the window to ``v(y) + sign v(x)``, csr (nbonds, width)."""
-        n, corners = self.nbonds, self.fan.corners.shape[1]
+        n, corners = self.nbonds, self.stencil.corners.shape[1]
         values = np.empty((n, corners + 1))
         values[:, 0] = sign
         values[:, 1:] = self.barycentric()
         columns = np.empty((n, corners + 1), dtype=np.int32)
         columns[:, 0] = np.repeat(self.site, self.per_site)
-        columns[:, 1:] = self.fan.corners.take(self.element.ravel(), axis=0)
+        columns[:, 1:] = self.stencil.corners.take(self.element.ravel(), axis=0)
+        # numbers within the window that this part reads and writes
         columns[:, 1:] -= np.int32(self.first)
         rows = np.arange(n + 1, dtype=np.int32) * (corners + 1)
         return sparse.csr_matrix((values.ravel(), columns.ravel(), rows), shape=(n, self.width))
@@ -111,7 +113,7 @@ class BallBonds:
     def sides(self) -> tuple[Ints, Floats, Ints, Floats]:
         """Return vertices of the mesh and P1 values at x and at y, each (nbonds, k)."""
         s, x = self.samples, np.repeat(self.first + self.site, self.per_site)
-        corners = s.vertices[self.fan.corners.take(self.element.ravel(), axis=0), 0]
+        corners = s.vertices[self.stencil.corners.take(self.element.ravel(), axis=0), 0]
         return s.vertices[x], s.values[x], corners, self.barycentric()
 
     def near(self, field: Floats) -> Floats:
@@ -120,7 +122,7 @@ class BallBonds:
 
     def far(self, field: Floats) -> Floats:
         """Return a field of samples at y, (nbonds,)."""
-        corners = field[self.fan.corners].take(self.element.ravel(), axis=0)
+        corners = field[self.stencil.corners].take(self.element.ravel(), axis=0)
         value: Floats = np.einsum("nk,nk->n", corners, self.barycentric())
         return value
 

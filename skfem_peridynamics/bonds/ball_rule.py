@@ -161,18 +161,20 @@ class BallRule:
             np.stack(both) for both in zip(*(self._radial(dim, J) for J in (influence, np.ones_like)), strict=True)
         )
         shares = (2.0 if self.symmetric else 1.0) * angle[:, None] * radial[:, None, :]
-        fan = BallStencil(directions, nodes, shares, horizon, Tracer(mesh), samples.place[mesh.t.T].astype(np.int32))
+        stencil = BallStencil(
+            directions, nodes, shares, horizon, Tracer(mesh), samples.place[mesh.t.T].astype(np.int32)
+        )
         per_site = len(directions) * self.radial
         out: list[BallBonds] = []
         order = curve_order(samples.points[samples.sites])  # so that a part reaches as few elements as it can
         count = max(1, bond_parts.BLOCK // per_site)
         for run in (order[low : low + count] for low in range(0, len(order), count)):
             site = samples.sites[run]
-            reach, element = self._march(fan, samples, site, samples.element[run])
-            corners = fan.corners[element.reshape(-1)]
+            reach, element = self._march(stencil, samples, site, samples.element[run])
+            corners = stencil.corners[element.reshape(-1)]
             first = int(min(site.min(), corners.min()))
             width = int(max(site.max(), corners.max())) + 1 - first
-            out.append(BallBonds(samples, fan, first, width, (site - first).astype(np.int32), reach, element))
+            out.append(BallBonds(samples, stencil, first, width, (site - first).astype(np.int32), reach, element))
         self._check(mesh, samples, out)
         return list(out)
 
@@ -205,17 +207,18 @@ class BallRule:
             J = np.ones_like(s)
         return s, W * s ** (dim - 1 - power) / J
 
-    def _march(self, fan: BallStencil, samples: Samples, site: Longs, element: Longs) -> tuple[Floats, Ints]:
+    def _march(self, stencil: BallStencil, samples: Samples, site: Longs, element: Longs) -> tuple[Floats, Ints]:
         """Reach (nsites, ndir) and elements (nsites, ndir, nrad) of the rays of some sites."""
-        n, ndir = len(site), len(fan.directions)
-        x, way = np.repeat(samples.points[site], ndir, axis=0), np.tile(fan.directions, (n, 1))
+        n, ndir = len(site), len(stencil.directions)
+        x, way = np.repeat(samples.points[site], ndir, axis=0), np.tile(stencil.directions, (n, 1))
         if self.outer == "vertices":
             vertex = samples.vertices[site, 0].astype(np.int64)
-            own = fan.tracer.any_element(vertex)
-            start = fan.tracer.first_elements(np.repeat(vertex, ndir), way)
+            own = stencil.tracer.any_element(vertex)
+            start = stencil.tracer.first_elements(np.repeat(vertex, ndir), way)
         else:
+            # a Gauss point begins in its own element, a vertex in the one that a ray enters
             own, start = element, np.repeat(element, ndir)
-        rays = fan.tracer.march(x, start, way, fan.horizon, fan.nodes[0], fan.nodes[1])
+        rays = stencil.tracer.march(x, start, way, stencil.horizon, stencil.nodes[0], stencil.nodes[1])
         # a ray that leaves at once has no weight; its nodes are put where the site is
         inside = np.where(start[:, None] >= 0, rays.element, np.repeat(own, ndir)[:, None]).astype(np.int32)
         return rays.reach.reshape(n, ndir), inside.reshape(n, ndir, -1)

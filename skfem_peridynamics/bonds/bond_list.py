@@ -62,6 +62,7 @@ class BondList:
         object.__setattr__(self, "influence", as_influence(self.influence))
         mesh = self.space.mesh
         check_simplices(mesh)
+        # vertex k has the unknowns dim k ... dim k + dim - 1: the engines count on it
         expected = np.arange(mesh.dim() * mesh.nvertices).reshape(-1, mesh.dim()).T
         if expected.size != self.space.N or not np.array_equal(self.space.nodal_dofs, expected):
             raise ValueError(
@@ -144,6 +145,7 @@ class BondList:
     def boundary_share_of(self, part: Part) -> Floats | float:
         """Return ``w(x) w(y)`` of a part, (nbonds,); 1 where w is 1 everywhere."""
         w = self.sample_weight
+        # at a point in an element w is interpolated, and round-off may leave [0, 1]
         return 1.0 if w is None else part.near(w) * np.clip(part.far(w), 0.0, 1.0)
 
     def influence_of(self, part: Part) -> Floats:

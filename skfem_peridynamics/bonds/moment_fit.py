@@ -53,6 +53,7 @@ class MomentMap:
             for D, g, to in rows:
                 if at.start > to.start:
                     continue
+                # only the diagonal block of each vertex: products of its own hat functions
                 product = sparse.csr_matrix(C.multiply(D))
                 for k in range(f.shape[1]):
                     out[:, at.start + k, to] += product.T @ (g * (w * f[:, k])[:, None])
@@ -93,9 +94,11 @@ class MomentFit:
             worst = float(np.abs(missed).max(initial=0.0)) / self.largest
             if worst <= reached:
                 break
+            # an inexact step: as close as the next one can make use of
             step, count = self._step(s, missed, max(0.1 * reached / worst, _LOOSE), damp)
             iterations += count
             length = 1.0
+            # halve the step until it gains at least a tenth of what a linear problem would
             while length > 0.01:
                 trial = [x + length * d for x, d in zip(s, step, strict=True)]
                 left = self.missed(trial)
@@ -109,8 +112,11 @@ class MomentFit:
 
     def _step(self, s: list[Floats], missed: Floats, close: float, damp: float) -> tuple[list[Floats], int]:
         slopes = [w * slope_of_ratio(x) for w, x in zip(self.weights, s, strict=True)]
+        # in z = step / sqrt(slope) the smallest change of the weights, relative to them, is the least-squares solution
         roots = [np.sqrt(w) for w in slopes]
         ends = np.cumsum([len(w) for w in slopes])[:-1]
+        # scaled by the inverse root of its block from the left, each vertex has rows of norm 1: LSMR then needs tens of
+        # sweeps, not thousands
         half = self._half_inverse(slopes)
 
         def forward(z: Floats) -> Floats:

@@ -51,10 +51,12 @@ def moment_targets(bonds: BondList) -> Targets:
     shallow = depth[mesh.t].min(axis=0) < reach - slack  # elements with a point closer to the boundary
     near = np.zeros(mesh.nvertices, dtype=bool)
     near[mesh.t[:, shallow]] = True
+    # order three is odd: inside the ball it cancels. Order four is that of the elastic energy
     three, four = monomials(dim, 3), monomials(dim, 4)
     values = np.zeros((mesh.nvertices, len(three) + len(four)))
     influence = as_influence(bonds.influence)
     e, angle = half_sphere(dim, _DIRECTIONS[dim])
+    # near the boundary the two halves of a ball differ
     e, angle = np.concatenate([e, -e]), np.concatenate([angle, angle])
     radial = float(influence.moment(dim))
     values[:, len(three) :] = 2.0 * vertex_volumes(mesh)[:, None] * eps**dim * radial * (angle @ powers(e, 4))
@@ -73,6 +75,7 @@ def moment_targets(bonds: BondList) -> Targets:
         start = np.repeat(sites.element[site], k)
         if nodal is None:
             rays = tracer.march(x, start, way, eps, nodes[:0])
+            # without a boundary function the radial integral up to the end of a ray is one function of its length
             along = cumulative(rays.reach / eps)
         else:
             rays = tracer.march(x, start, way, eps, nodes, cut)
@@ -96,6 +99,7 @@ def moment_targets(bonds: BondList) -> Targets:
             )
             own = np.einsum("nc,nc->n", nodal[sites.vertices[site]], sites.values[site])
             along = (at * weight).sum(axis=1) * np.repeat(own, k)
+        # twice: each bond counts at both its ends, and the hat function is taken at x alone
         inner = along.reshape(n, k) @ directional * (2.0 * whole_power(eps, dim) * sites.volume[site])[:, None]
         for corner in range(dim + 1):
             part = sites.values[site, corner, None] * inner

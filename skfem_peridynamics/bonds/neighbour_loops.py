@@ -25,6 +25,7 @@ def pairs(x: Floats, reach: float) -> Iterator[tuple[Longs, Longs, Floats]]:
         shape = np.floor(extent / side).astype(np.int64) + 1
         if shape.astype(float).prod() <= _MOST_CELLS * n + 27:
             break
+        # wider cells search more points than needed, and stay right
         side *= 1.5
     cell = np.minimum(((points - low) / side).astype(np.int64), shape - 1)
     number = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
@@ -38,6 +39,7 @@ def pairs(x: Floats, reach: float) -> Iterator[tuple[Longs, Longs, Floats]]:
             npairs = _rows(points, cell, shape, order, start, first, last, reach, count, far, r)
             if npairs <= room:
                 break
+            # the loop has counted what did not fit: once more, with room
             room = npairs + (npairs >> 2)
         yield np.repeat(np.arange(first, last), count[: last - first]), far[:npairs], r[:npairs]
 
@@ -73,6 +75,7 @@ def _rows(
                         d0, d1, d2 = x[j, 0] - x0, x[j, 1] - x1, x[j, 2] - x2
                         square = d0 * d0 + d1 * d1 + d2 * d2
                         if 0.0 < square <= limit:
+                            # go on counting when the room is used up
                             if npairs < len(far):
                                 far[npairs] = j
                             npairs += 1

@@ -40,6 +40,7 @@ def curve_order(x: Floats) -> Longs:
     extent = max(float(np.ptp(x, axis=0).max()), np.finfo(float).tiny)
     cell = ((x - x.min(axis=0)) / extent * ((1 << _BITS) - 1)).astype(np.int64)
     key = np.zeros(len(x), dtype=np.int64)
+    # interleave the bits of the coordinates, the first axis highest
     for bit in range(_BITS):
         for axis in range(dim):
             key |= ((cell[:, axis] >> bit) & 1) << (bit * dim + dim - 1 - axis)
@@ -82,6 +83,7 @@ def pairs_within(x: Floats, reach: float) -> Iterator[tuple[Longs, Longs, Floats
 
     tree = cKDTree(x.T)
     for start in range(0, n, _POINTS):
+        # a tree of some points against that of all: the memory is that of their pairs, not of all
         near_tree = cKDTree(x.T[start : start + _POINTS])
         distances = near_tree.sparse_distance_matrix(tree, reach * (1.0 + RIM), output_type="ndarray")
         distances = distances[(distances["j"] > distances["i"] + start) & (distances["v"] > 0.0)]

@@ -48,6 +48,7 @@ class PairBonds:
         ends = self.ends + np.int32(self.first)
         i, j = ends[:, 0], ends[:, 1]
         volume = self.samples.volume
+        # a pair stands for both orders of its ends
         both = np.full(len(i), 2.0)
         if self.reach > 0.0:
             both = rim_share(np.linalg.norm(self.vectors(), axis=1), self.reach, self.samples.size, i, j)
@@ -60,6 +61,7 @@ class PairBonds:
     def pick(self, which: Longs) -> PairBonds:
         """Return the part with only some of its bonds, listed in order."""
         given = None if self.given is None else self.given[which]
+        # rows that lose their bonds stay, with none: near ends are counted by rows
         start = np.searchsorted(which, self.start)
         return dataclasses.replace(self, start=start, partner=self.partner[which], given=given)
 

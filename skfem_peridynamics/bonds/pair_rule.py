@@ -123,6 +123,7 @@ class PairRule:
             When a vertex has no bond.
         """
         parts = list(self._parts(mesh, samples, horizon))
+        # each bond is listed at one of its ends: count it at both
         degree = np.zeros(samples.nsamples, dtype=np.int64)
         for part in parts:
             window = slice(part.first, part.first + part.width)
@@ -141,6 +142,7 @@ class PairRule:
         if self.points == "vertices" and longest_edge(mesh) <= horizon:
             return list(parts)  # every edge of an element is a bond: the bonds hang together as the mesh does
         ends = np.concatenate([part.ends + np.int32(part.first) for part in parts])
+        # otherwise a row of thin or long elements can cut the bonds in two without a vertex that has none
         pieces, bonded = connected(mesh.t, mesh.nvertices)[0], connected(ends.T, samples.nsamples)[0]
         if bonded > pieces:
             raise ValueError(
@@ -158,6 +160,7 @@ class PairRule:
         for i, j in self._chunks(mesh, samples, horizon):
             near, far, count = [*near, i], [*far, j], count + len(i)
             if count >= bond_parts.BLOCK:
+                # enough for a part: cut at rows, and keep the last run, which the next chunk may go on with
                 i, j = np.concatenate(near), np.concatenate(far)
                 start = np.searchsorted(i, np.arange(row, int(i[-1]) + 2))
                 runs = rows_of(start, bond_parts.BLOCK)
@@ -183,6 +186,7 @@ class PairRule:
             see, number = sight(mesh, reach, points, size), np.arange(samples.nsamples)
         for i, j, r in pairs_within(np.ascontiguousarray(points), reach):
             if self.partial_volume:
+                # the search went half a cell beyond the horizon; ends whose cells lie outside the ball are no bonds
                 keep = np.flatnonzero(rim_share(r, horizon, size, i, j) > 2.0 * RIM)
                 i, j = i[keep], j[keep]
             keep = np.flatnonzero(~see.blocked(number[i], number[j]))

@@ -24,6 +24,7 @@ def rows_of(starts: Longs, most: int = BLOCK) -> list[slice]:
     """
     out, low, n = [], 0, len(starts) - 1
     while low < n:
+        # the last item whose running count still fits
         high = int(np.searchsorted(starts, starts[low] + most, side="right")) - 1
         high = min(n, max(high, low + 1))
         out.append(slice(low, high))

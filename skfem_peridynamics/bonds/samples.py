@@ -117,6 +117,7 @@ def gauss_samples(mesh: Mesh, with_vertices: bool, order: int = 2) -> Samples:
         values = np.vstack([values, own])
         vertices = np.vstack([vertices, np.repeat(np.arange(nvertices)[:, None], dim + 1, axis=1)])
     sweep = local_order(points)
+    # Gauss points come first in the list, vertices after them; both are numbered along one curve
     is_site = sweep < nelements * ngauss
     gauss = sweep[is_site]
     place = np.full(nvertices, -1, dtype=np.int64)

@@ -35,6 +35,7 @@ def killing_tensors(x: Floats) -> Floats:
     for i in range(dim):
         for j in range(i + 1, dim):
             turn = np.zeros((n, dim))
+            # the rotation in the plane of the axes i and j
             turn[:, j], turn[:, i] = x[:, i], -x[:, j]
             forms.append(turn)
     index = monomials(dim, 3)

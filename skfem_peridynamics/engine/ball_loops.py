@@ -44,7 +44,9 @@ def _gather(
         for bond in range(low, low + n):
             i, v = np.uint32(site[bond]), np.uint32(code[bond])
             x0, x1, inverse = vectors[v, 0], vectors[v, 1], vectors[v, 3]
+            # (a, b) is the far end from the corner of its element; the field there is u0 + G (a, b)
             a, b = sites[i, 0] + x0 - c0, sites[i, 1] + x1 - c1
+            # s = xi.(u_y - u_x)
             s = x0 * (u0 + (g00 * a + g01 * b) - sites[i, 4])
             s += x1 * (u1 + (g10 * a + g11 * b) - sites[i, 5])
             W[m + XI] = a
@@ -101,6 +103,7 @@ def _scatter(
     """Add ``k xi`` at the sites; take it, and its moment about the corner, off the element (where it acts on both)."""
     dim = len(axes)
     f0, f1, f2 = 0.0, 0.0, 0.0
+    # sums of a run of bonds stay in registers: an element is written once, however many bonds end in it
     m00, m01, m02, m10, m11, m12, m20, m21, m22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for bond in range(low, low + n):
         i, v, g = np.uint32(site[bond]), np.uint32(code[bond]), W[m + K]
@@ -125,6 +128,7 @@ def _scatter(
             m21 += c * y
             m22 += c * z
         m += 1
+    # a one-sided rule acts on x only
     if both:
         M[at, 0] -= f0
         if dim == 1:
@@ -230,6 +234,7 @@ def force(
 ) -> None:
     """Add the forces of the bonds to the element sums M."""
     W, sites, forces = np.empty(ROOM), np.empty((len(own), 8)), np.zeros((len(own), 4))
+    # sites: place and displacement of the outer points, in a small table that stays in cache
     settle(axes, x, own, E, sites)
     e = 0
     for low in range(0, len(site), BATCH):
@@ -238,6 +243,7 @@ def force(
         _pull(n, given, low, scale, W)
         bend(kind, slope, b, law, W, n)
         e = _scatter_batch(axes, e, low, n, elements, start, site, code, vectors, forces, both, W, M)
+    # bonds of a one-sided rule come in one order: their force at x counts twice
     give_back(axes, x, own, E, forces, 1.0 if both else 2.0, M)
 
 

@@ -96,7 +96,7 @@ class BallLoops:
     def __init__(self, bonds: BondBasis, blocks: list[Block]) -> None:
         part = blocks[0].part
         assert isinstance(part, BallBonds)
-        self.bonds, self.fan = bonds, part.fan
+        self.bonds, self.stencil = bonds, part.stencil
         most = task_size(bonds.nbonds)
         self.groups = [list(self._tasks(block, most)) for block in blocks]
 
@@ -110,6 +110,7 @@ class BallLoops:
         """Tasks of runs of sites, about ``most`` bonds each."""
         part = block.part
         assert isinstance(part, BallBonds)
+        # all bonds of a site are in one task: the sums at sites are its own
         count, per_site = max(1, most // part.per_site), part.per_site
         law, plain = law_of(block.law), block.bonds.plain and block.which is None
         k = part.weight if plain else block.k
@@ -127,12 +128,14 @@ class BallLoops:
     def _task(
         self, block: Block, law: Law | None, run: slice, chosen: Longs, bonds: slice, k: Floats, scale: float
     ) -> BallTask:
-        part, samples, tracer = block.part, self.bonds.samples, self.fan.tracer
+        part, samples, tracer = block.part, self.bonds.samples, self.stencil.tracer
         assert isinstance(part, BallBonds)
         sites = part.first + part.site[run].astype(np.int64)
         own = samples.element[np.searchsorted(samples.sites, sites)]
         at_vertex = own < 0
+        # a vertex has no element of its own: any that it is a corner of has the same value there
         own[at_vertex] = tracer.any_element(samples.vertices[sites[at_vertex], 0])
+        # bonds by the element they end in: its motion is read once, its sum written once
         order = np.argsort(self.far_elements(block)[bonds], kind="stable")
         element = part.element[run].ravel()[chosen][order]
         elements, start = np.unique(element, return_index=True)
@@ -152,13 +155,16 @@ class BallLoops:
 
     def _vectors(self, reach: Floats) -> tuple[Longs, Floats]:
         """The vector of each bond of some sites, by its number, and the vectors: those of whole rays come once."""
-        fan, dim = self.fan, self.bonds.dim
-        ndir, nrad = len(fan.directions), fan.nodes.shape[1]
-        cut = fan.is_cut(reach)
+        stencil, dim = self.stencil, self.bonds.dim
+        ndir, nrad = len(stencil.directions), stencil.nodes.shape[1]
+        cut = stencil.is_cut(reach)
         code = np.broadcast_to(np.arange(ndir * nrad).reshape(ndir, nrad), (*reach.shape, nrad)).copy()
+        # rays that end at the boundary have vectors of their own, behind those of whole rays
         code[cut] = ndir * nrad + np.arange(int(cut.sum()) * nrad).reshape(-1, nrad)
-        way = np.concatenate([fan.directions, fan.directions[np.nonzero(cut)[1]]])
-        r = np.concatenate([np.tile(fan.horizon * fan.nodes[0], (ndir, 1)), reach[cut][:, None] * fan.nodes[1]])
+        way = np.concatenate([stencil.directions, stencil.directions[np.nonzero(cut)[1]]])
+        r = np.concatenate(
+            [np.tile(stencil.horizon * stencil.nodes[0], (ndir, 1)), reach[cut][:, None] * stencil.nodes[1]]
+        )
         vectors = aligned(len(way) * nrad, 4)
         vectors[:, :dim] = (way[:, None, :] * r[:, :, None]).reshape(-1, dim)
         np.divide(1.0, whole_power(r.ravel(), 3), out=vectors[:, 3], where=r.ravel() > 0.0)
@@ -188,13 +194,13 @@ class BallLoops:
         """Return new working arrays."""
         size, dim = int(self.bonds.mesh.nelements), self.bonds.dim
         E = aligned(size, {1: 4, 2: 8, 3: 16}[dim])  # whole lines of the cache
-        E[:, :dim] = self.fan.tracer.base
+        E[:, :dim] = self.stencil.tracer.base
         return BallArrays(E, aligned(size, {1: 2, 2: 8, 3: 12}[dim]))
 
     def load(self, arrays: BallArrays, u: Floats, pool: Threads) -> None:
         """Tabulate a displacement."""
         dim = self.bonds.dim
-        fixed = (0,) * dim, self.bonds.mesh.t, self.fan.tracer.gradient, u.reshape(-1, dim)
+        fixed = (0,) * dim, self.bonds.mesh.t, self.stencil.tracer.gradient, u.reshape(-1, dim)
         for _ in pool.map(lambda run: element_loops.tabulate(*fixed, *run, arrays.E), self._element_runs):
             pass
 
@@ -202,7 +208,7 @@ class BallLoops:
         """Return what the tasks have added, as nodal values."""
         dim = self.bonds.dim
         out = np.zeros((int(self.bonds.mesh.nvertices), dim))
-        fixed = (0,) * dim, self.bonds.mesh.t, self.fan.tracer.gradient, arrays.M
+        fixed = (0,) * dim, self.bonds.mesh.t, self.stencil.tracer.gradient, arrays.M
         self._handing.run(lambda run: element_loops.hand_over(*fixed, *run, out), pool)
         return out.ravel()
 

@@ -78,6 +78,7 @@ class Block:
         """Return a block of some of the bonds, with the measures they have while they are whole."""
         inside = which if self.which is None else self.which[which]
         if isinstance(self.part, PairBonds):
+            # pairs are listed by rows: a part of them must be in that order
             order = np.argsort(inside, kind="stable")
             return Block(self.law, self.part.pick(inside[order]), self.bonds, None, keep=False, store=False)
         return Block(self.law, self.part, self.bonds, inside, keep=False, store=False)

@@ -74,6 +74,7 @@ class CompiledEngine:
 
             self.schedule.run(take, self.pool)
             number = {id(block): k for k, block in enumerate(self.sparse.blocks)}
+            # tasks end in any order: the list of broken bonds, and so a checkpoint, must not depend on it
             hit.sort(key=lambda task: (number[id(task.block)], task.bonds.start))
             out: Floats = self.field.collect(arrays, self.pool)
         broken = []
@@ -88,11 +89,13 @@ class CompiledEngine:
             return self.sparse.product(weights, v, transposed)
         with self._arrays(v) as arrays:
             if weights is None:
+                # the linear law at rest needs no weights: they are made in the loop
                 self.schedule.run(lambda task: task.add_force(arrays, linear(task.block)), self.pool)
             else:
                 of = {id(block): weight for block, weight in zip(self.sparse.blocks, weights, strict=True)}
                 self.schedule.run(lambda task: task.take_product(arrays, of[id(task.block)]), self.pool)
             out: Floats = self.field.collect(arrays, self.pool)
+        # the loops take off: a product is minus what they have summed
         return np.negative(out, out=out)
 
     def each(self, u: Floats, function: Callable[[Block, Floats], _T]) -> Iterator[_T]:

@@ -39,14 +39,14 @@ class Law:
         """The arguments of loops that need f."""
         return self.kind, self.slope, self.b, self.f
 
-    def loop(self, specialise: Callable[..., Any]) -> Callable[..., Any]:
+    def loop(self, shared: Callable[..., Any]) -> Callable[..., Any]:
         """Return a loop for this law: with functions of the user's own in it, its code is not kept on disk."""
-        return _unkept(specialise) if self.kind % TENSION == OWN else specialise
+        return _unkept(shared) if self.kind % TENSION == OWN else shared
 
 
 @cache
-def _unkept(law_class: Any) -> Callable[..., Any]:
-    return compiled(law_class.py_func, keep=False)
+def _unkept(loop: Any) -> Callable[..., Any]:
+    return compiled(loop.py_func, keep=False)
 
 
 def linear(block: Block) -> Law:

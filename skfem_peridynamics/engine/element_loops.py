@@ -23,6 +23,7 @@ def tabulate(axes: Any, corners: Any, gradient: Any, u: Any, low: int, high: int
             for b in range(dim):
                 slope = 0.0
                 for k in range(1, dim + 1):
+                    # differences to the corner: a translation leaves no slope, to the last bit
                     slope += (u[corners[k, e], a] - u0) * gradient[e, k, b]
                 E[e, 2 * dim + a * dim + b] = slope
 
@@ -48,6 +49,7 @@ def give_back(axes: Any, x: Any, own: Any, E: Any, forces: Any, times: float, M:
     for i in range(len(own)):
         at = own[i]
         for a in range(dim):
+            # the force, and its moment about the corner: what the values at all corners need
             f = times * forces[i, a]
             M[at, a] += f
             for b in range(dim):
@@ -67,6 +69,7 @@ def hand_over(axes: Any, corners: Any, gradient: Any, M: Any, low: int, high: in
                 for b in range(dim):
                     part += M[e, dim + a * dim + b] * gradient[e, k, b]
                 F[corners[k, e], a] += part
+                # the P1 values sum to 1: the base corner gets what the others leave, so that no momentum is lost
                 rest -= part
             for b in range(dim):
                 M[e, dim + a * dim + b] = 0.0

@@ -102,6 +102,7 @@ def snap(limit: float, both: bool, W: Any, given: Any, low: int, n: int) -> int:
     count = 0
     least = -np.inf if both else 0.0
     for m in range(n):
+        # counted first, without a branch that would keep the loop from vectorising: in most batches nothing breaks
         count += 1 if (W[m + K] > 0.0) & (W[m + Q] > limit) & (W[m + C] > least) else 0
     if count:
         for m in range(n):
@@ -123,6 +124,7 @@ def bend(kind: int, slope: float, b: float, own: Any, W: Any, n: int) -> None:
             W[m + K] *= 2.0 * W[m + C] * own(W[m + Q])
     elif kind == EXPONENTIAL:
         for m in range(n):
+            # C f'(Q) = slope C exp(-b Q)
             W[m + K] *= twice * W[m + C] * exponential(-b * W[m + Q])
     elif kind == RATIONAL:
         for m in range(n):
@@ -139,6 +141,7 @@ def stored(kind: int, slope: float, b: float, own: Any, W: Any, n: int) -> float
     total, pressed = 0.0, 0.0
     if kind >= TENSION:
         for m in range(n):
+            # what is pressed stores f'(0) q, linear for ever; the law sees q = 0 there
             pressed += W[m + K] * (W[m + Q] if W[m + C] < 0.0 else 0.0)
         _only_stretched(W, n)
         kind -= TENSION

@@ -26,8 +26,10 @@ def _gather(axes: Any, J: Any, n: int, i: int, P: Any, given: Any, W: Any) -> No
     x0, y0, z0 = P[i, 0], P[i, dim // 2], P[i, dim - 1]
     u0, v0, w0 = P[i, dim + 1], P[i, dim + 1 + dim // 2], P[i, 2 * dim]
     for m in range(n):
+        # an unsigned index needs no test for counting from the end
         j = np.uint32(J[m])
         d = P[j, 0] - x0
+        # the branches on the dimension are gone once ``axes`` is known
         along = d * (P[j, dim + 1] - u0)
         length = d * d
         W[m + XI] = d
@@ -70,6 +72,7 @@ def _pull_cells(n: int, reach: float, own: float, own_size: float, W: Any) -> No
         c = s * (root * root * root)
         W[m + C] = c
         W[m + Q] = s * c
+        # the part of either cell that lies in the ball: clip((reach - r) / h + 1/2, 0, 1)
         short = reach - W[m + R2] * root
         share = min(max(short * W[m + REST] + 0.5, least), 1.0) + min(max(short * own_size + 0.5, least), 1.0)
         W[m + K] *= own * share
@@ -101,6 +104,7 @@ def _take_off(axes: Any, J: Any, n: int, W: Any, X: Any, Y: Any, Z: Any) -> None
 def _scatter(axes: Any, J: Any, n: int, i: int, W: Any, F: Any) -> None:
     """Add ``k xi`` at the near end, take it off the far ends."""
     X, Y, Z = F
+    # the row keeps one near end: its sum is made in registers and stored once
     X[i] += multiplied(W, XI, n)
     if len(axes) > 1:
         Y[i] += multiplied(W, YI, n)
@@ -139,6 +143,7 @@ def force(
             n = min(BATCH, start[row + 1] - low)
             J = far[low : low + n]
             _batch(axes, J, n, i, P, given, low, reach, scale, W)
+            # numba drops this branch where the loop is compiled without a limit
             if limit is not None:
                 count += snap(limit, both, W, given, low, n)
             bend(kind, slope, b, own, W, n)
@@ -179,6 +184,7 @@ def strains(axes: Any, start: Any, far: Any, first: int, P: Any, T: Any) -> None
     for row in range(len(start) - 1):
         for low in range(start[row], start[row + 1], BATCH):
             n = min(BATCH, start[row + 1] - low)
+            # T in place of measures: it is not read, and no volumes are gathered
             _gather(axes, far[low : low + n], n, first + row, P, T, W)
             for m in range(n):
                 root = inverse_root(W[m + R2])

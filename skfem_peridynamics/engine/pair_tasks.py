@@ -54,6 +54,7 @@ class PairTask:
     def split(self, most: int) -> Iterator[PairTask]:
         """Yield tasks of runs of rows, about ``most`` bonds each."""
         total = len(self.partner)
+        # runs of whole rows are longer by up to one row than asked for: leave room for it, or the last run is a crumb
         even = total // max(1, round(total / most)) + int(np.diff(self.start).max(initial=0))
         for run in rows_of(self.start, even):
             low, high = int(self.start[run.start]), int(self.start[run.stop])
@@ -101,6 +102,7 @@ class PairTask:
         Those that broke have the measure -1.
         """
         if self.law is None:
+            # a law that only Python can evaluate: the strains come out of the loop and weights go in
             which = self.block.beyond(self.strains(arrays), at, self.bonds)
             self.block.k[which] = 0.0
             self.add_force(arrays, None)
@@ -110,6 +112,7 @@ class PairTask:
             self.add_force(arrays, self.law)
             return 0
         measure, sums = (self.given, self.reach, self.scale), arrays.view(self.block.window)
+        # the loops compare q = T^2 with the square of the strain; a law of tension only breaks in tension only
         limit, both = (at * self.block.law.inflection) ** 2, not isinstance(self.block.law, TensionOnly)
         loop = self.law.loop(pair_loops.force)
         return int(loop(*self._bonds(arrays), *measure, *self.law.gradient, sums, limit, both))
@@ -130,9 +133,12 @@ class PairLoops:
         part, plain = block.part, block.bonds.plain
         assert isinstance(part, PairBonds)
         start, partner, given, scale = part.start, part.partner, part.given, block.bonds.prefactor
+        # ``which`` is sorted, so the rows of the chosen bonds are found by their places in it
         if block.which is not None:
             start, partner = np.searchsorted(block.which, start), partner[block.which]
             given = None if given is None else given[block.which]
+        # measures go in as they are where influence or boundary function are in them, and where they may become 0; the
+        # loops make the others of volumes and sizes, which takes no memory
         if not plain or block.own or (given is None and block.store):
             given, scale = block.k, 1.0
         whole = slice(0, len(partner))
@@ -154,6 +160,7 @@ class PairLoops:
         """Return new working arrays."""
         samples, dim = self.bonds.samples, self.bonds.dim
         P = aligned(samples.nsamples, 2 * dim + 2)
+        # x, volume, u, 1 / size: what a bond needs of its far end, in one row
         P[:, :dim], P[:, dim], P[:, 2 * dim + 1] = samples.points, samples.volume, 1.0 / samples.size
         return PairArrays(P, np.zeros((dim, samples.nsamples)))
 

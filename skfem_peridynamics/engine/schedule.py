@@ -41,6 +41,7 @@ def overlaps(touched: Iterable[Ints], size: int) -> Bools:
     rows = []
     for places in touched:
         mark = np.zeros(-(-size // width), dtype=np.float32)
+        # a place is an interval of numbers: cheaper to compare, and at worst two tasks wait that need not
         mark[places // width] = 1.0
         rows.append(mark)
     if not rows:
@@ -87,6 +88,7 @@ class Schedule:
         before: list[int] = []  # all that come before each task, a bit for each
         for n in range(len(order)):
             waited, known = [], 0
+            # from the latest on: what an awaited task has itself waited for is done by then
             for k in reversed(np.flatnonzero(meet[n, :n]).tolist()):
                 if not known >> k & 1:
                     waited.append(k)

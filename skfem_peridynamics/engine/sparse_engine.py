@@ -27,6 +27,7 @@ class SparseEngine:
     def _gather(self, function: Callable[[Block], Floats]) -> Floats:
         total = np.zeros((self.bonds.samples.nsamples, self.bonds.dim))
         for block, part in zip(self.blocks, self.pool.map(function, self.blocks), strict=True):
+            # in the order of the blocks, whatever thread was first
             total[block.window] += part
         return total
 

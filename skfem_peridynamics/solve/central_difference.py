@@ -195,6 +195,7 @@ class _Motion:
         if self.b is not None:
             total = total + self.b
         if not self.fixed:
+            # in place: the state that was yielded before is a view, and over by now
             self.a = self.mass.solve(total, out=self._room)
             return
         given = np.zeros(self.mass.size)
@@ -262,6 +263,7 @@ def _steps(
     tangent: TangentLimit | None,
 ) -> Iterator[State]:
     """Step from the beginning, or from ``start``, to ``until``; yield a state a step."""
+    # an adapted step stays the same part of the limit, and is never longer than asked for
     part, longest = motion.dt / limit.dt if limit is not None else 1.0, motion.dt
     if start is None:
         motion.place()
@@ -284,5 +286,6 @@ def _steps(
             guard.check(now)
         yield now
         if tangent is not None and again:
+            # whole steps to the end, so that the run still ends on time
             left = until - motion.time
             motion.change_step(left / max(1, ceil(left / min(longest, part * tangent.at(motion.u)) - 1e-9)))

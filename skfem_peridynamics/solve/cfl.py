@@ -163,6 +163,7 @@ def nodal_bounds(body: Peridynamics, m: Floats, weights: Sequence[Floats] | None
     For a directed rule, whose stiffness is not symmetric, the trace of what acts on x bounds the norm of its rows.
     ``weights`` are those of another state than rest, none of them negative.
     """
+    # lumped masses of a vertex may differ by component, where a user scales them: keep the scaling symmetric
     scale = 1.0 / np.sqrt(m.reshape(-1, body.bonds.dim))
     scaled = vertex_stiffness(body, weights) * scale[:, :, None] * scale[:, None, :]
     trace = float(2.0 * np.trace(scaled, axis1=1, axis2=2).max())
@@ -182,6 +183,7 @@ def largest_eigenvalue(
     size, symmetric = mass.size, body.symmetric
     if size <= DENSE:
         K = (body.stiffness() if u is None else body.tangent(u)).toarray()
+        # few unknowns: no bound is as good as the spectrum itself
         lam = np.linalg.eigvals(np.stack([mass.solve(column) for column in K.T], axis=1))
         # a dense M^-1 K that is similar to a symmetric matrix has real eigenvalues but for round-off
         largest = float(lam.real.max() if symmetric else np.abs(lam).max())

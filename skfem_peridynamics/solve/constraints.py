@@ -95,6 +95,7 @@ class Prescribed:
             return self._value(self.velocity, 0.5 * (t0 + t1))
         if not callable(self.displacement):
             return np.zeros(len(self.dofs))
+        # not the derivative: with this mean velocity the place at t1 is met exactly
         return (self._value(self.displacement, t1) - self._value(self.displacement, t0)) / (t1 - t0)
 
 

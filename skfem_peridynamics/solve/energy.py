@@ -63,4 +63,5 @@ def inner(a: Floats, b: Floats) -> float:
     >>> inner(np.array([1.0, 2.0]), np.array([3.0, 4.0]))
     11.0
     """
+    # BLAS splits a dot product by how many threads it has: the same bits only for the same number
     return float(np.add.reduce(a * b))

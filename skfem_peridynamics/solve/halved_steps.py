@@ -31,6 +31,7 @@ class HalvedSteps:
         return 1 << CUTS
 
     def _at(self, ticks: int) -> float:
+        # whole steps by one product, so that time does not drift by the round-off of sums
         return ticks // self.whole * self.dt + ticks % self.whole * (self.dt / self.whole)
 
     @property
@@ -55,6 +56,7 @@ class HalvedSteps:
 
     def grow(self) -> None:
         """Double a step that was cut, at the end of the one that it was cut from twice."""
+        # where the step it was cut from twice ends: two easy steps in a row have then been made
         while self.cuts and self.count and self.ticks % (self.whole >> max(self.cuts - 2, 0)) == 0:
             self.cuts -= 1
 

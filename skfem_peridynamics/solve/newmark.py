@@ -180,6 +180,7 @@ class _Step:
     def take(self, t: float, dt: float, u: Floats, v: Floats, a: Floats, b: Floats | None) -> tuple[Floats, ...]:
         """Return displacement, velocity and acceleration a step after t, where the load is b."""
         beta, gamma, fixed = self.beta, self.gamma, self.prescribed
+        # u1 is the minimum of PD(u) - b.u + shift/2 (u - centre).M (u - centre)
         shift = 1.0 / (beta * dt**2)
         centre = u + dt * v + (0.5 - beta) * dt**2 * a
         u1, v1, a1 = u.copy(), v.copy(), a.copy()
@@ -196,6 +197,7 @@ class _Step:
         guess = min(u1, coasting, key=lambda prescribed: objective.value(prescribed)[0])
         u_next = minimise(objective, guess, self.inverse, tolerance=self.tolerance, effort=self.effort, most=_MOST)
         accelerated = shift * (u_next - centre)
+        # v1 = v + dt ((1 - gamma) a + gamma a1), with a1 = shift (u1 - centre)
         velocity = v + dt * ((1.0 - gamma) * a + gamma * accelerated)
         velocity[fixed], accelerated[fixed] = v1[fixed], a1[fixed]
         return u_next, velocity, accelerated
@@ -243,6 +245,7 @@ def _steps(
     if start is None:
         a, work = step.begin(dt, u, v, b), 0.0
         initial = 0.5 * inner(v, step.mass.times(v)) + step.body.energy(u)
+        # by this much the energy of a linear run swings without being wrong
         ripple = 0.5 * lag * dt**2 * inner(a, step.mass.times(a))
     else:
         check_start(start.u, len(u))
@@ -251,6 +254,7 @@ def _steps(
         u, v, a = start.u.copy(), start.v.copy(), start.a.copy()
         step.inverse.recall(start.memory)
         work, initial, ripple, dissipated = start.work, start.initial, start.initial_ripple, start.dissipated
+    # the work of prescribed motions is that of what enforces them
     reaction = step.reaction(u, a, b)
     guard = watching(watch, limit, abs(initial), damps=step.gamma > 0.5)
 

@@ -218,6 +218,7 @@ def rebuilt(
 
     Raises ``KeyError`` for a number that is missing, ``TypeError`` for what is no part of a state.
     """
+    # a file holds floats only: steps are counted in whole numbers
     given: dict[str, Any] = {name: float(value) for name, value in numbers.items() if name != "spent"}
     given["step"] = int(numbers["step"])
     given |= {name: np.asarray(values, dtype=float) for name, values in vectors.items()}

@@ -170,10 +170,12 @@ class _Path:
         rest.
         """
         if ahead is not None:
+            # a path is smooth almost everywhere: go on as far as the last step did, in proportion
             guess = u + ahead[0] * (part / ahead[1])
         else:
             guess = u.copy()
             self.place(t, guess)
+            # only what the load has gained: u is in equilibrium with the rest
             rise = None if b1 is None or b is None else b1 - b
             guess = u + self.elastic(guess - u, rise) if len(self.inverse.free) else guess
         self.place(t, guess)
@@ -188,6 +190,7 @@ class _Path:
                 body.force_and_break(u)
                 if not body.state.last:
                     return u, lost
+                # what breaks unloads its neighbours or loads them: settle, and look again, until nothing breaks
                 lost += body.state.energy
                 u = self.settle(u, b)
         except NotConverged:
@@ -265,6 +268,7 @@ def _follow(path: _Path, u: Floats, dt: float, steps: int, start: Equilibrium | 
             t1 = ticking.end
             b1 = path.load_at(t1)
             try:
+                # a failure of Newton's method cuts the step; bonds that broke on the way have been made whole
                 u1, lost = path.equilibrium(t1, u, b, b1, ahead, ticking.part)
                 dissipated += lost
                 break

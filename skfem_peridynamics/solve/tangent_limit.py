@@ -48,5 +48,6 @@ class TangentLimit:
             weights = [np.maximum(hessian, 0.0) for hessian in self.body.hessians(u)]
             consistent = 1.0 if isinstance(mass, Lumped) else self.body.bonds.dim + 2.0
             return 2.0 / sqrt(consistent * nodal_bounds(self.body, self._lumped, weights)[0])
+        # 2 %: what a space of ten vectors can miss, started from the mode of the last time
         lam = (value + residual) * 1.02
         return inf if lam <= 0.0 else 2.0 / sqrt(lam)

@@ -107,7 +107,7 @@ def test_horizons_far_larger_than_the_body():
     for horizon in (5.0, 1e12):
         part = BondBasis(vector_basis(box(2, 6, "random")), horizon, rule=BallRule(3, 8)).parts[0]
         x = part.samples.points[part.first + part.site][:, None]
-        e = part.fan.directions
+        e = part.stencil.directions
         exact = np.minimum(*(np.where(e[:, a] > 0, 1 - x[..., a], x[..., a]) / np.abs(e[:, a]) for a in (0, 1)))
         assert part.reach == pytest.approx(exact, abs=1e-11)
 
