@@ -115,8 +115,8 @@ class MomentFit:
         # in z = step / sqrt(slope) the smallest change of the weights, relative to them, is the least-squares solution
         roots = [np.sqrt(w) for w in slopes]
         ends = np.cumsum([len(w) for w in slopes])[:-1]
-        # scaled by the inverse root of its block from the left, each vertex has rows of norm 1: LSMR then needs tens of
-        # sweeps, not thousands
+        # scaled from the left by the inverse roots of their blocks, the rows of a vertex are orthonormal: LSMR works on
+        # what couples vertices alone
         half = self._half_inverse(slopes)
 
         def forward(z: Floats) -> Floats:

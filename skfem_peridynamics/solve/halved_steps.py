@@ -56,7 +56,7 @@ class HalvedSteps:
 
     def grow(self) -> None:
         """Double a step that was cut, at the end of the one that it was cut from twice."""
-        # where the step it was cut from twice ends: two easy steps in a row have then been made
+        # at multiples of four of the steps at hand, where one that was cut twice would have ended
         while self.cuts and self.count and self.ticks % (self.whole >> max(self.cuts - 2, 0)) == 0:
             self.cuts -= 1
 

@@ -3,6 +3,7 @@
 import ast
 import inspect
 import re
+import tomllib
 from functools import cache
 from pathlib import Path
 
@@ -18,6 +19,15 @@ RANK = {
     "app.cli": 10,
 }  # fmt: skip
 MOST_FILES = 20
+# the public names of version 0.1.0
+NAMES = """
+BallRule BondBasis Breaking Census Composite Crack CrackPath Damage Effort Elastic Energies Equilibrium
+Exponential Frames Influence Linear Material NotConverged PairRule Peridynamics Potential Prescribed Rational
+Scalars Scene State StepLimit UnstableRun __version__ body_force boundary_function census central_difference
+collar conical constant crack_path damage discrete_energy dispersion gaussian interpolate j_integral
+layer_traction load_state mass_matrix newmark own_potential project region run save_state slit
+stable_time_step static strain stress traction
+"""
 
 
 def modules():
@@ -103,67 +113,8 @@ def test_tests_do_not_import_each_other():
 
 
 def test_public_names():
-    """Those of version 0.1.0; more may come, none may go."""
-    names = [  # fmt: skip
-        "BallRule",
-        "BondBasis",
-        "Breaking",
-        "Census",
-        "Composite",
-        "Crack",
-        "CrackPath",
-        "Damage",
-        "Effort",
-        "Elastic",
-        "Energies",
-        "Equilibrium",
-        "Exponential",
-        "Frames",
-        "Influence",
-        "Linear",
-        "Material",
-        "NotConverged",
-        "PairRule",
-        "Peridynamics",
-        "Potential",
-        "Prescribed",
-        "Rational",
-        "Scalars",
-        "Scene",
-        "State",
-        "StepLimit",
-        "UnstableRun",
-        "__version__",
-        "body_force",
-        "boundary_function",
-        "census",
-        "central_difference",
-        "collar",
-        "conical",
-        "constant",
-        "crack_path",
-        "damage",
-        "discrete_energy",
-        "dispersion",
-        "gaussian",
-        "interpolate",
-        "j_integral",
-        "layer_traction",
-        "load_state",
-        "mass_matrix",
-        "newmark",
-        "own_potential",
-        "project",
-        "region",
-        "run",
-        "save_state",
-        "slit",
-        "stable_time_step",
-        "static",
-        "strain",
-        "stress",
-        "traction",
-    ]
+    """More may come, none may go."""
+    names = NAMES.split()
     assert set(names) <= set(peri.__all__)
     assert all(hasattr(peri, name) for name in names)
 
@@ -220,3 +171,18 @@ def test_public_docstrings_have_their_sections(name):
             assert doc["Raises"], f"{name} raises and does not say so"
     if "." not in name:
         assert ">>>" in text, f"{name} has no example"
+
+
+def test_the_oldest_versions_tested_are_the_oldest_promised():
+    """.ci/oldest.txt is what the job for the oldest versions installs."""
+    top = Path(__file__).parents[2]
+    project = tomllib.loads((top / "pyproject.toml").read_text())["project"]
+    promised = {}
+    for entry in project["dependencies"] + project["optional-dependencies"]["test"]:
+        name, version = re.match(r"([\w-]+)>=([\d.]+)", entry).groups()
+        promised[name] = version
+    lines = (top / ".ci" / "oldest.txt").read_text().splitlines()
+    tested = dict(re.match(r"([\w-]+)==([\d.]*\d)", line).groups() for line in lines if not line.startswith("#"))
+    assert set(tested) == set(promised)
+    for name, version in tested.items():
+        assert version == promised[name] or re.fullmatch(re.escape(promised[name]) + r"(\.0)+", version), name
