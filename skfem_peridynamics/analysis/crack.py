@@ -84,10 +84,10 @@ def crack_path(mesh: Mesh, intact: Floats, horizon: float, cracked: float = CRAC
 
     dim = int(mesh.dim())
     nothing = CrackPath(np.zeros((0, dim)), np.zeros(0), 0.0, np.zeros(dim))
-    hurt = np.flatnonzero(1.0 - intact >= cracked)
-    if not len(hurt):
+    cracked_vertices = np.flatnonzero(1.0 - intact >= cracked)
+    if not len(cracked_vertices):
         return nothing
-    x = mesh.p[:, hurt].T
+    x = mesh.p[:, cracked_vertices].T
     graph = _near(x, horizon)
     far = _from_slit(mesh, x, horizon)
     _, piece = connected_components(graph, directed=False)

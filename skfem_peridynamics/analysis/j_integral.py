@@ -165,5 +165,5 @@ def _constants(body: Peridynamics) -> tuple[Floats, Floats, Floats]:
         [member_material.density for member_material in each],
         [law.inflection for law in body.laws],
     )
-    lame, density, critical = (np.array(some, dtype=float)[member] for some in constants)
+    lame, density, critical = (np.array(constant, dtype=float)[member] for constant in constants)
     return lame, density, critical

@@ -94,7 +94,7 @@ def stress(body: Peridynamics, u: Floats) -> Floats:
     samples, dim = body.bonds.samples, body.bonds.dim
     total = np.zeros((samples.nsamples, dim * dim))
 
-    def look(block: Block, T: Floats) -> tuple[slice, Floats]:
+    def of_block(block: Block, T: Floats) -> tuple[slice, Floats]:
         p = block.directions()  # e / sqrt(r)
         xi = block.part.vectors() if block.which is None else block.part.vectors()[block.which]
         pull = (block.k * block.law.gradient(T))[:, None] * p
@@ -102,8 +102,8 @@ def stress(body: Peridynamics, u: Floats) -> Floats:
         sampled: Floats = block.incidence(1.0).T @ each
         return block.window, sampled
 
-    for window, made in body.each_block(u, look):
-        total[window] += made
+    for window, summed in body.each_block(u, of_block):
+        total[window] += summed
     volume = vertex_volumes(body.bonds.mesh)
     return 0.5 * samples.spread(total).reshape(-1, dim, dim) / volume[:, None, None]
 

@@ -38,7 +38,7 @@ class BallTask:
     Sites have their places x and the elements that hold them, ``own``; bonds their site and the number of their vector.
     """
 
-    field: BallLoops
+    loops: BallLoops
     block: Block
     law: Law | None
     x: Floats
@@ -55,11 +55,11 @@ class BallTask:
     @cached_property
     def order(self) -> Longs:
         """Where each bond of the task is among ``bonds`` of the block."""
-        return np.argsort(self.field.far_elements(self.block)[self.bonds], kind="stable")
+        return np.argsort(self.loops.far_elements(self.block)[self.bonds], kind="stable")
 
     def _bonds(self, arrays: BallArrays) -> tuple[Any, ...]:
         lists = self.elements, self.start, self.site, self.code, self.vectors
-        return ((0,) * self.field.bonds.dim, self.x, self.own, *lists, arrays.E)
+        return ((0,) * self.loops.bonds.dim, self.x, self.own, *lists, arrays.E)
 
     def strains(self, arrays: BallArrays) -> Floats:
         """Return the scaled strains of the bonds."""

@@ -33,13 +33,13 @@ class CompiledEngine:
         self.sparse, self.pool = sparse_engine, sparse_engine.pool
         blocks = list(sparse_engine.blocks)
         balls = bool(blocks) and isinstance(blocks[0].part, BallBonds)
-        self.field: Any = BallLoops(sparse_engine.bonds, blocks) if balls else PairLoops(sparse_engine.bonds, blocks)
+        self.loops: Any = BallLoops(sparse_engine.bonds, blocks) if balls else PairLoops(sparse_engine.bonds, blocks)
         self._idle: list[Any] = []
 
     @cached_property
     def schedule(self) -> Schedule:
         """The tasks in a fixed order of what they add to."""
-        schedule: Schedule = self.field.schedule()
+        schedule: Schedule = self.loops.schedule()
         return schedule
 
     @contextmanager
@@ -48,8 +48,8 @@ class CompiledEngine:
         try:
             arrays = self._idle.pop()
         except IndexError:
-            arrays = self.field.arrays()
-        self.field.load(arrays, np.ascontiguousarray(u), self.pool)
+            arrays = self.loops.arrays()
+        self.loops.load(arrays, np.ascontiguousarray(u), self.pool)
         yield arrays
         self._idle.append(arrays)
 
@@ -60,7 +60,7 @@ class CompiledEngine:
     def force(self, u: Floats) -> Floats:
         with self._arrays(u) as arrays:
             self.schedule.run(lambda task: task.add_force(arrays, task.law), self.pool)
-            out: Floats = self.field.collect(arrays, self.pool)
+            out: Floats = self.loops.collect(arrays, self.pool)
         return out
 
     def break_and_force(self, u: Floats, at: float) -> tuple[Floats, list[tuple[Block, Longs]]]:
@@ -76,7 +76,7 @@ class CompiledEngine:
             number = {id(block): k for k, block in enumerate(self.sparse.blocks)}
             # tasks end in any order: the list of broken bonds, and so a checkpoint, must not depend on it
             hit.sort(key=lambda task: (number[id(task.block)], task.bonds.start))
-            out: Floats = self.field.collect(arrays, self.pool)
+            out: Floats = self.loops.collect(arrays, self.pool)
         broken = []
         for task in hit:
             which = task.bonds.start + np.flatnonzero(task.block.k[task.bonds] < 0.0)
@@ -94,15 +94,15 @@ class CompiledEngine:
             else:
                 of = {id(block): weight for block, weight in zip(self.sparse.blocks, weights, strict=True)}
                 self.schedule.run(lambda task: task.take_product(arrays, of[id(task.block)]), self.pool)
-            out: Floats = self.field.collect(arrays, self.pool)
+            out: Floats = self.loops.collect(arrays, self.pool)
         # the loops take off: a product is minus what they have summed
         return np.negative(out, out=out)
 
     def each(self, u: Floats, function: Callable[[Block, Floats], _T]) -> Iterator[_T]:
         with self._arrays(u) as arrays:
 
-            def look(group: Sequence[Any]) -> _T:
+            def of_group(group: Sequence[Any]) -> _T:
                 T = [task.strains(arrays) for task in group]
                 return function(group[0].block, T[0] if len(T) == 1 else np.concatenate(T))
 
-            yield from self.pool.map(look, self.field.groups)
+            yield from self.pool.map(of_group, self.loops.groups)

@@ -158,7 +158,7 @@ class _Step:
     inverse: Preconditioner
     fixed: Sequence[Prescribed]
     prescribed: Longs
-    held: Floats
+    stiffness_scale: Floats
     beta: float
     gamma: float
     tolerance: float
@@ -189,7 +189,7 @@ class _Step:
             u1[prescribed.dofs] += dt * before
             v1[prescribed.dofs], a1[prescribed.dofs] = 0.5 * (before + after), (after - before) / dt
         centre[fixed] = u1[fixed] - a1[fixed] / shift  # their inertia is then what it is
-        stiffness = self.held + shift * self.mass.times(np.ones(len(u)))
+        stiffness = self.stiffness_scale + shift * self.mass.times(np.ones(len(u)))
         objective = Objective(self.body, self.inverse.free, stiffness, b, shift, self.mass, centre)
         coasting = u + dt * v
         coasting[fixed] = u1[fixed]

@@ -57,7 +57,7 @@ class Preconditioner:
         self.kind, self._price, self._spent = kind, 0, 0
         self._weights: list[Floats] | None = None
         self._tangent: Floats | None = None
-        self._held: Floats | None = None
+        self._vertex_stiffness: Floats | None = None
         self._K: Csr | None = None
         self._known: dict[float, tuple[LinearOperator, int]] = {}
 
@@ -85,7 +85,7 @@ class Preconditioner:
         rest = [block.rest_stiffness for block in self.body.blocks]
         now = self.body.hessians(u)
         self._weights = [np.maximum(h, _REMAINS * k) for h, k in zip(now, rest, strict=True)]
-        self._held, self._K, self._spent = None, None, 0
+        self._vertex_stiffness, self._K, self._spent = None, None, 0
         self._known.clear()
 
     def at(self, shift: float) -> LinearOperator:
@@ -127,9 +127,9 @@ class Preconditioner:
         return "amg" if float(stiffest.max()) > LONG_STEP**2 * shift else "blocks"
 
     def _diagonal(self) -> Floats:
-        if self._held is None:
-            self._held = vertex_stiffness(self.body, self._weights)
-        return self._held
+        if self._vertex_stiffness is None:
+            self._vertex_stiffness = vertex_stiffness(self.body, self._weights)
+        return self._vertex_stiffness
 
     def _entries(self) -> float:
         """About how many entries the stiffness has: a dim x dim block for both ends of each bond."""

@@ -134,13 +134,13 @@ class _Path:
     inverse: Preconditioner
     fixed: Sequence[Prescribed]
     load: Load | None
-    held: Floats
+    stiffness_scale: Floats
     tolerance: float
     effort: Effort
 
     def load_at(self, t: float) -> Floats | None:
         """Return the load at t, None where there is none."""
-        return None if self.load is None else checked_load(self.load(t), len(self.held), t)
+        return None if self.load is None else checked_load(self.load(t), len(self.stiffness_scale), t)
 
     def place(self, t: float, u: Floats) -> None:
         """Put prescribed displacements into u."""
@@ -199,7 +199,7 @@ class _Path:
 
     def settle(self, guess: Floats, b: Floats | None) -> Floats:
         """Return the equilibrium near a guess that has the prescribed displacements."""
-        objective = Objective(self.body, self.inverse.free, self.held, b)
+        objective = Objective(self.body, self.inverse.free, self.stiffness_scale, b)
         return minimise(objective, guess, self.inverse, tolerance=self.tolerance, effort=self.effort, most=_MOST)
 
     def elastic(self, du: Floats, b: Floats | None) -> Floats:

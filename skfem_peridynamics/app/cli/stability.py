@@ -39,6 +39,6 @@ def stability(arguments: argparse.Namespace) -> int:
     files = write_report(arguments.out, verdicts, arguments.quick, plot.available())
     if not arguments.quiet:
         count = len(verdicts.entries)
-        held = sum(verdict.holds for verdict in verdicts.entries)
-        print(f"{held} of {count} hold; {', '.join(files)} written to {arguments.out}")
+        holding = sum(verdict.holds for verdict in verdicts.entries)
+        print(f"{holding} of {count} hold; {', '.join(files)} written to {arguments.out}")
     return 0 if verdicts.holds else 1

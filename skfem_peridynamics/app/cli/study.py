@@ -36,13 +36,13 @@ def study(arguments: argparse.Namespace) -> int:
     if arguments.what in STUDIES:
         make_folder(arguments.out)
         # a study of minutes leaves its rows behind when it is stopped
-        result = run_study(arguments.what, arguments.quick, report, lambda part: write_rows(arguments.out, part))
+        outcome = run_study(arguments.what, arguments.quick, report, lambda part: write_rows(arguments.out, part))
     else:
         from ..run.estimate import study_scene
 
         scene = Scene.read(Path(arguments.what))
-        result = study_scene(scene, arguments.out, report, levels=2 if arguments.quick else 3)
-    names = write_study(arguments.out, result, plot.available())
+        outcome = study_scene(scene, arguments.out, report, levels=2 if arguments.quick else 3)
+    names = write_study(arguments.out, outcome, plot.available())
     if not arguments.quiet:
-        print(f"{result.name}: {', '.join(names)} written to {arguments.out}")
+        print(f"{outcome.name}: {', '.join(names)} written to {arguments.out}")
     return 0

@@ -124,8 +124,8 @@ def _check_sum(file: IO[bytes], size: int) -> None:
         raise DamagedCheckpoint("its checksum does not match what it holds")
 
 
-def latest(folder: Path, tell: Callable[[str], None]) -> Checkpoint | None:
-    """Return the newest checkpoint that is whole, or None where there is none; ``tell`` hears of a damaged one.
+def latest(folder: Path, report: Callable[[str], None]) -> Checkpoint | None:
+    """Return the newest checkpoint that is whole, or None where there is none; ``report`` hears of a damaged one.
 
     Raises :class:`DamagedCheckpoint` where there are checkpoints and none is whole.
     """
@@ -140,7 +140,7 @@ def latest(folder: Path, tell: Callable[[str], None]) -> Checkpoint | None:
             damaged.append(str(error))
             continue
         for message in damaged:
-            tell(f"{message}; going on from the older one, of step {checkpoint.state.step}")
+            report(f"{message}; going on from the older one, of step {checkpoint.state.step}")
             with contextlib.suppress(OSError):  # the next one must not take the place of the one that is whole
                 (folder / NAME).unlink()
         return checkpoint

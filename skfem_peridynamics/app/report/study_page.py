@@ -24,63 +24,63 @@ TARGETS = (1e-2, 1e-3, 1e-4)
 FILES = ("study.json", "study.csv", "study.md", "study.png")
 
 
-def write_rows(folder: Path, result: Result) -> None:
+def write_rows(folder: Path, outcome: Result) -> None:
     """Write ``study.csv`` alone, with the rows so far."""
-    write_whole(folder / "study.csv", as_csv(result))
+    write_whole(folder / "study.csv", as_csv(outcome))
 
 
-def write_study(folder: Path, result: Result, pictures: bool) -> list[str]:
+def write_study(folder: Path, outcome: Result, pictures: bool) -> list[str]:
     """Write the files of a study into a folder that exists; return their names."""
     for old in FILES:
         (folder / old).unlink(missing_ok=True)
     names = ["study.json", "study.csv", "study.md"]
-    write_rows(folder, result)
-    write_whole(folder / "study.md", as_markdown(result))
-    if pictures and result.rows:
-        plot_work_precision(folder / "study.png", result.rows, result.what)
+    write_rows(folder, outcome)
+    write_whole(folder / "study.md", as_markdown(outcome))
+    if pictures and outcome.rows:
+        plot_work_precision(folder / "study.png", outcome.rows, outcome.what)
         names.append("study.png")
-    write_whole(folder / "study.json", as_json(result))
+    write_whole(folder / "study.json", as_json(outcome))
     return names
 
 
-def as_json(result: Result) -> str:
+def as_json(outcome: Result) -> str:
     """Return all of a study as JSON."""
     content = {
-        "study": result.name,
-        "what": result.what,
-        "quick": result.quick,
+        "study": outcome.name,
+        "what": outcome.what,
+        "quick": outcome.quick,
         "version": __version__,
-        "rows": [plain(as_dict(row)) for row in result.rows],
+        "rows": [plain(as_dict(row)) for row in outcome.rows],
         "tables": [
             {"heading": heading, "columns": list(columns), "rows": [[plain(x) for x in row] for row in rows]}
-            for heading, columns, rows in result.tables
+            for heading, columns, rows in outcome.tables
         ],
-        "notes": result.notes,
+        "notes": outcome.notes,
     }
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
-def as_csv(result: Result) -> str:
+def as_csv(outcome: Result) -> str:
     """Return the rows of the runs, or of the tables where there are no runs, as CSV."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    if result.rows:
-        writer.writerow(as_dict(result.rows[0]))
-        for row in result.rows:
+    if outcome.rows:
+        writer.writerow(as_dict(outcome.rows[0]))
+        for row in outcome.rows:
             writer.writerow(as_dict(row).values())
-    for heading, columns, rows in result.tables:
+    for heading, columns, rows in outcome.tables:
         writer.writerow(("table", *columns))
         writer.writerows((heading, *row) for row in rows)
     return out.getvalue()
 
 
-def as_markdown(result: Result) -> str:
+def as_markdown(outcome: Result) -> str:
     """Return the whole study as Markdown."""
-    lines = [f"# {result.name}: {result.what}", ""]
-    if result.quick:
+    lines = [f"# {outcome.name}: {outcome.what}", ""]
+    if outcome.quick:
         lines += ["Quick run: fewer sizes.", ""]
-    lines += [line for note in result.notes for line in (note, "")]
-    for heading, columns, rows in [*race_tables(result.rows), *result.tables]:
+    lines += [line for note in outcome.notes for line in (note, "")]
+    for heading, columns, rows in [*race_tables(outcome.rows), *outcome.tables]:
         lines += [f"## {heading}", "", "| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
         lines += ["| " + " | ".join(shown(x) for x in row) + " |" for row in rows]
         lines.append("")

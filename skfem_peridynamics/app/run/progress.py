@@ -1,4 +1,4 @@
-"""What a run tells while it goes on."""
+"""What a run says while it goes on."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ class Line:
 
     def begin(self, what: str, steps: int) -> None:
         self.what, self.steps, self.start, self.shown = what, steps, time.perf_counter(), -1.0
-        self.told, self.first = "", 0
+        self.message, self.first = "", 0
         self.live = sys.stdout.isatty()
         self.begun = False
 
     def advance(self, step: int, energy: float | None = None, largest_Z: float | None = None) -> None:
         if energy is not None:
-            self.told = f", energy {energy:.4g}, largest Z {largest_Z:.3g}"
+            self.message = f", energy {energy:.4g}, largest Z {largest_Z:.3g}"
         now = time.perf_counter()
         if not self.begun:  # the first step of a run that is continued is none of the first
             self.begun, self.first = True, max(0, step - 1)
@@ -50,7 +50,7 @@ class Line:
             self.shown = now if self.live else float(step * 10 // self.steps)
             rate = (step - self.first) / max(now - self.start, 1e-9)
             left = (self.steps - step) / rate
-            line = f"step {step}/{self.steps}, {rate:.1f} steps/s, {left:.0f} s left{self.told}"
+            line = f"step {step}/{self.steps}, {rate:.1f} steps/s, {left:.0f} s left{self.message}"
             print(f"\r\x1b[K{line}" if self.live else line, end="" if self.live else "\n", flush=True)
 
     def end(self) -> None:

@@ -129,9 +129,9 @@ class Record:
             self.save(state)
 
     def _write(self, state: State | Equilibrium, step: int | None, row: bool, frame: bool) -> None:
-        count = hurt = None
+        count = at_vertices = None
         if row and frame:
-            count, hurt = census_and_damage(self.problem.body, state.u)  # one walk over the bonds for both
+            count, at_vertices = census_and_damage(self.problem.body, state.u)  # one walk over the bonds for both
         elif row:
             count = census(self.problem.body, state.u)
         if isinstance(state, State):
@@ -143,7 +143,7 @@ class Record:
             self.history.add(*entries)
             self.progress.advance(step, entries[5], entries[9])
         if frame:
-            self._frame(state, hurt)
+            self._frame(state, at_vertices)
 
     def _due(self, step: int) -> bool:
         """Whether a checkpoint is due."""
@@ -152,12 +152,12 @@ class Record:
         # however the clock jumps
         return self.every.seconds > 0.0 and abs(time.monotonic() - self.saved_at) >= self.every.seconds
 
-    def _frame(self, state: State | Equilibrium, hurt: Damage | None) -> None:
+    def _frame(self, state: State | Equilibrium, at_vertices: Damage | None) -> None:
         assert self.frames is not None
         body, asked = self.problem.body, self.problem.scene.output.fields
-        hurt = damage(body, state.u) if hurt is None else hurt
+        at_vertices = damage(body, state.u) if at_vertices is None else at_vertices
         fields = {"displacement": state.u} | ({"velocity": state.v} if isinstance(state, State) else {})
-        fields |= {"intact": hurt.intact, "Z": hurt.Z}
+        fields |= {"intact": at_vertices.intact, "Z": at_vertices.Z}
         if "stress" in asked:
             fields["stress"] = voigt(stress(body, state.u))
         if "strain" in asked:
