@@ -74,8 +74,8 @@ class Damage:
 
     Examples
     --------
-    >>> Damage(Z=np.array([2.0, 0.0]), intact=np.array([0.5, 1.0]), softened=1).intact.min()
-    np.float64(0.5)
+    >>> float(Damage(Z=np.array([2.0, 0.0]), intact=np.array([0.5, 1.0]), softened=1).intact.min())
+    0.5
     """
 
     Z: Floats
