@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from .._types import Floats, Mesh
@@ -75,8 +77,8 @@ def single_element(dim: int) -> Mesh:
     return mesh_class(dim)(np.hstack([np.zeros((dim, 1)), np.eye(dim)]), np.arange(dim + 1)[:, None])
 
 
-def with_sides(mesh: Mesh) -> Mesh:
-    """Name the facets on the sides of the bounding box."""
+def with_sides(mesh: Mesh, without: Collection[str] = ()) -> Mesh:
+    """Name the facets on the sides of the bounding box, but for some names."""
     names = (("left", "right"), ("bottom", "top"), ("front", "back"))
     facets = mesh.boundary_facets()
     middle = mesh.p[:, mesh.facets[:, facets]]
@@ -85,6 +87,6 @@ def with_sides(mesh: Mesh) -> Mesh:
         low, high = mesh.p[axis].min(), mesh.p[axis].max()
         for name, at in zip(pair, (low, high), strict=True):
             on = facets[(np.abs(middle[axis] - at) <= 1e-9 * (high - low)).all(axis=0)]
-            if len(on):
+            if len(on) and name not in without:
                 sides[name] = on
     return mesh.with_boundaries(sides)

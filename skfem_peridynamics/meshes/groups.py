@@ -11,6 +11,13 @@ from .mend import Raw
 
 # integers that some formats keep for each cell; one that is 0 is of no group
 _NUMBERED = ("gmsh:physical", "medit:ref", "nastran:ref", "flac3d:group", "tetgen:ref", "avsucd:material", "cell_tags")
+# what people call them elsewhere; the first of these that a file has is taken
+_COMMON = (
+    *("material", "materials", "MaterialIds", "MaterialID", "material_id", "region", "regions", "RegionId"),
+    *("CellEntityIds", "attribute", "label", "labels", "name_to_read"),
+)
+# integers that are no groups, and are passed over without a word
+_PASSED = ("gmsh:geometrical", "gmsh:element_id", "vtkOriginalCellIds", "vtkGhostType")
 _NOT_GROUPS = ("gmsh:bounding_entities",)
 # facets of elements in the order in which scikit-fem counts them
 _FACETS = {
@@ -29,11 +36,36 @@ def raw_mesh(content: Any, scale: float = 1.0) -> Raw:
             tags[str(name)] = [None if part is None else np.asarray(part, dtype=np.int64) for part in parts]
     _add_skfem_tags(content, blocks, tags)
     known = {(int(entry[0]), int(entry[1])): str(name) for name, entry in content.field_data.items() if len(entry) > 1}
-    for key in _NUMBERED:
-        if not tags or key != "gmsh:physical":  # where gmsh's groups are sets already, the numbers say less
-            _add_numbered(content, key, known, tags)
+    for key in _used_numbers(content, bool(tags)):
+        _add_numbered(content, key, known, tags)
     points_of = {str(name): np.asarray(part, dtype=np.int64) for name, part in content.point_sets.items()}
-    return Raw(np.asarray(content.points, dtype=float) * scale, blocks, tags, points_of)
+    return Raw(
+        np.asarray(content.points, dtype=float) * scale,
+        blocks,
+        tags,
+        points_of,
+        notes=_unread(content, bool(content.cell_sets)),
+    )
+
+
+def _used_numbers(content: Any, has_sets: bool) -> list[str]:
+    """The integers of cells that are taken for groups."""
+    # where gmsh's groups are sets already, the numbers say less
+    own = [key for key in _NUMBERED if key in content.cell_data and not (has_sets and key == "gmsh:physical")]
+    return own or [key for key in _COMMON if key in content.cell_data][:1]
+
+
+def _unread(content: Any, has_sets: bool) -> list[str]:
+    """Notes of integers of the cells that are taken for no groups."""
+    used = _used_numbers(content, has_sets)
+    return [
+        f"the integers {key!r} of its elements are not taken for groups; "
+        + (f"{used[0]!r} are" if used else f"they would be under one of the names {', '.join(_COMMON)}")
+        for key, parts in content.cell_data.items()
+        if key not in (*used, *_PASSED, *_NUMBERED)
+        and not key.startswith("skfem:")
+        and all(np.asarray(part).dtype.kind in "iu" and np.asarray(part).size == len(part) for part in parts)
+    ]
 
 
 def _add_numbered(
@@ -42,7 +74,9 @@ def _add_numbered(
     """Groups of cells with the same number, by the name of the number where it has one."""
     for k, values in enumerate(content.cell_data.get(key, ())):
         values = np.asarray(values)
-        if values.ndim != 1:
+        if values.ndim == 2 and values.shape[1] == 1:
+            values = values[:, 0]
+        if values.ndim != 1 or values.dtype.kind not in "iuf":
             continue
         dim = content.cells[k].dim
         for number in np.unique(values[values != 0]).tolist():

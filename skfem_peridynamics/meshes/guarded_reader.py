@@ -14,8 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from .vtu import read_vtu
+
 # formats whose readers end on whatever they are given; the first bytes tell Gmsh's files from Ansys's of the same name
-_SAFE = {".vtu", ".vtk", ".inp", ".mesh", ".meshb", ".vol", ".obj", ".stl"}
+_SAFE = {".vtk", ".mesh", ".meshb", ".vol", ".obj", ".stl"}
 _SECONDS, _RATE = 5.0, 1e6  # patience, and bytes a second on top
 
 _CHILD = """
@@ -49,12 +51,18 @@ def read(path: Path) -> Any:
         return meshio.read(path, file_format="gmsh")
     if path.suffix.lower() in (".xdmf", ".xmf"):
         return _read_xdmf(path)
+    if path.suffix.lower() == ".vtu":
+        return read_vtu(path)
     if path.suffix.lower() in _SAFE:
         return meshio.read(path)
+    # isolated: with the working folder on its path a numpy.py beside the scene would be run
     patience = _SECONDS + path.stat().st_size / _RATE
     try:
         done = subprocess.run(
-            [sys.executable, "-c", _CHILD, str(path.absolute())], capture_output=True, timeout=patience, check=False
+            [sys.executable, "-I", "-c", _CHILD, str(path.absolute())],
+            capture_output=True,
+            timeout=patience,
+            check=False,
         )
     except subprocess.TimeoutExpired:
         raise TimeoutError(f"its reader has not come to an end in {patience:.0f} s") from None

@@ -30,20 +30,30 @@ class Raw:
     """A mesh file: points (n, k), blocks of cells (kind by its name in meshio, vertices (m, l)).
 
     ``tags`` lists, for each name and block, the cells that have it; ``points_of`` the vertices of named sets of them.
+    ``declared`` are the names that the file announces, with their dimensions; ``cure`` says what to do where one of
+    them comes to nothing.
     """
 
     points: Floats
     blocks: Sequence[tuple[str, Longs]]
     tags: Tags
     points_of: Mapping[str, Longs]
+    declared: Sequence[tuple[str, int]] = ()
+    cure: str = "look at the groups where the mesh was made"
+    notes: Sequence[str] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Mended:
-    """A mesh of simplices with its groups as boundaries and subdomains, and what was done to get there."""
+    """A mesh of simplices with its groups as boundaries and subdomains, and what was done to get there.
+
+    A boundary or subdomain that the file announces and that came to nothing is there, and empty: to use it is an error.
+    ``lost`` are names of other groups that came to nothing.
+    """
 
     mesh: Mesh
     notes: tuple[str, ...]
+    lost: tuple[str, ...] = ()
 
 
 def mend(raw: Raw, join: bool = False) -> Mended:
@@ -60,7 +70,7 @@ def mend(raw: Raw, join: bool = False) -> Mended:
     >>> found.notes
     ('1 quad element was cut into 2 triangles', '1 vertex of no element was left out')
     """
-    notes: list[str] = []
+    notes: list[str] = [*raw.notes]
     dim = max((kind_of(name)[1] for name, cells in raw.blocks if len(cells)), default=0)
     if not dim:
         raise ValueError("it has no elements: no lines, triangles or tetrahedra")
@@ -82,20 +92,30 @@ def mend(raw: Raw, join: bool = False) -> Mended:
     check_manifold(mesh)
     number = np.full(len(points), -1, dtype=np.int64)
     number[used] = np.arange(len(used))
+    lost: list[str] = []
     boundaries = _boundaries(mesh, number[facets] if len(facets) else facets, facet_marks, notes)
     for name, chosen in raw.points_of.items():
         if name not in boundaries:
             numbers = _between(mesh, number[merged[chosen]])
             if len(numbers):
                 boundaries[name] = numbers
+            else:
+                lost.append(name)
+                notes.append(f"the set of points {name!r} has no facet of the boundary between them, and was left out")
     subdomains = {name: np.flatnonzero(is_of).astype(np.int32) for name, is_of in marks.items() if is_of.any()}
     for name in raw.tags:
         if name not in subdomains and name not in boundaries:
+            lost.append(name)
             notes.append(f"the group {name!r} is of neither elements nor facets of the body, and was left out")
+    for name, own_dim in raw.declared:
+        groups, what = (subdomains, "elements") if own_dim == dim else (boundaries, "facets of the boundary")
+        if own_dim in (dim, dim - 1) and name not in groups:
+            groups[name] = np.zeros(0, dtype=np.int32)
+            notes.append(f"the group {name!r} is declared and has no {what}: {raw.cure}")
     notes += parts_of(mesh)
     if boundaries:
         mesh = mesh.with_boundaries(boundaries)
-    return Mended(mesh.with_subdomains(subdomains) if subdomains else mesh, tuple(notes))
+    return Mended(mesh.with_subdomains(subdomains) if subdomains else mesh, tuple(notes), tuple(lost))
 
 
 def _some(count: int, noun: str, more: str | None = None) -> str:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import io
 import logging
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 from .._memory import free_memory
 from .._types import Mesh
 from ..geometry.simplices import describe_point
-from .mend import mend
+from .mend import Mended, Raw, mend
 
 _log = logging.getLogger("skfem_peridynamics")
 _PRINTING = threading.Lock()
@@ -32,14 +33,16 @@ def quietly(said: io.StringIO | None = None) -> Iterator[None]:
 
 
 def read_mesh(path: Path, scale: float = 1.0, join: bool = False) -> Mesh:
-    """Return the simplicial mesh in a file that meshio reads; its groups become boundaries and subdomains.
+    """Return the simplicial mesh in a file; its groups become boundaries and subdomains.
 
     Lengths are taken ``scale`` times; ``join`` makes one vertex of those that coincide. What had to be mended is
     said in the log. Raises ``ValueError`` for what is no mesh of a body.
     """
-    from .groups import raw_mesh
-    from .guarded_reader import read
+    return mended_mesh(path, scale, join).mesh
 
+
+def mended_mesh(path: Path, scale: float = 1.0, join: bool = False) -> Mended:
+    """Return what :func:`read_mesh` does, with what was mended and lost on the way."""
     name = repr(str(path))
     if not path.is_file():
         raise ValueError(f"{name} is not a file")
@@ -48,27 +51,47 @@ def read_mesh(path: Path, scale: float = 1.0, join: bool = False) -> Mesh:
             f"{name} has {path.stat().st_size / 1e6:.3g} MB; reading it takes about "
             f"{_READING} times as much memory, and {free_memory() / 1e6:.3g} MB are free: take a coarser mesh"
         )
-    said = io.StringIO()  # meshio prints its reasons
     try:
-        with quietly(said):
-            content = read(path)
-            check_cells(content)
-            raw = raw_mesh(content, scale)
-    except ModuleNotFoundError as error:
-        raise ValueError(
-            f'{name} keeps its numbers in HDF, which needs {error.name}: install the extra "xdmf", or write the file '
-            "with its numbers inline"
-        ) from None
-    except (SystemExit, Exception) as error:  # whatever a reader of a foreign format may raise
-        reason = " ".join((said.getvalue() or str(error)).split())
-        raise ValueError(f"{name} cannot be read as a mesh: {reason}") from None
-    try:
+        own = _own_reader(path)
+        raw = _by_meshio(path) if own is None else own(path)
+        raw = dataclasses.replace(raw, points=raw.points * scale)
         mended = mend(raw, join)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
     for note in mended.notes:
         _log.warning("mesh %s: %s", name, note)
-    return mended.mesh
+    return mended
+
+
+def _own_reader(path: Path) -> Callable[[Path], Raw] | None:
+    """The reader for files of which meshio would lose groups, or None."""
+    from .abaqus import read_abaqus
+    from .gmsh import VERSIONS, read_gmsh, version_of
+
+    if path.suffix.lower() == ".inp":
+        return read_abaqus
+    return read_gmsh if version_of(path) in VERSIONS else None
+
+
+def _by_meshio(path: Path) -> Raw:
+    """Points, cells and groups as meshio reads them."""
+    from .groups import raw_mesh
+    from .guarded_reader import read
+
+    said = io.StringIO()  # meshio prints its reasons
+    try:
+        with quietly(said):
+            content = read(path)
+            check_cells(content)
+            return raw_mesh(content)
+    except ModuleNotFoundError as error:
+        raise ValueError(
+            f'it keeps its numbers in HDF, which needs {error.name}: install the extra "xdmf", or write the file '
+            "with its numbers inline"
+        ) from None
+    except (SystemExit, Exception) as error:  # whatever a reader of a foreign format may raise
+        reason = " ".join((said.getvalue() or str(error)).split())
+        raise ValueError(f"it cannot be read as a mesh: {reason}") from None
 
 
 def check_cells(content: Any) -> None:

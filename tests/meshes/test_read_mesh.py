@@ -1,5 +1,7 @@
 """Meshes of meshers: groups by name from every format, and each repair and refusal with its sentence."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import meshio
@@ -280,3 +282,18 @@ def test_node_sets_of_abaqus(tmp_path):
     mesh = read_mesh(tmp_path / "a.inp")
     assert len(mesh.subdomains["ALL"]) == 2
     assert places(mesh, "EDGE").ravel().tolist() == [0.5, 1.0]
+
+
+def test_code_of_the_working_folder_is_not_run(tmp_path):
+    """Readers that may never end run in a process of their own: what lies beside the mesh is none of their modules."""
+    for name in ("numpy", "meshio", "skfem", "io"):
+        (tmp_path / f"{name}.py").write_text("open('run', 'w').close()\n")
+    mesh = skfem.MeshTri().refined(2)
+    meshio.Mesh(np.vstack([mesh.p, 0 * mesh.p[:1]]).T, [("triangle", mesh.t.T)]).write(tmp_path / "a.ply", binary=False)
+    command = [Path(sys.executable).parent / "skfem-peridynamics", "cfl", "--mesh", "a.ply", "--horizon", "0.6"]
+    result = subprocess.run(
+        [*command, "--young", "1", "--density", "1", "--plane", "stress"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    assert not (tmp_path / "run").exists()

@@ -526,7 +526,7 @@ def test_readers_that_never_end_are_ended(file, tmp_path, monkeypatch):
     (tmp_path / "scene.toml").write_text(MESH_SCENE.format(file=file))
     code, _, said = judge("foreign", tmp_path, "check", "scene.toml")
     assert code == 2
-    assert f"{file}' cannot be read as a mesh: its reader has not come to an end in 2 s" in said[0]
+    assert f"{file}': it cannot be read as a mesh: its reader has not come to an end in 2 s" in said[0]
 
 
 def test_elements_and_vertices_that_are_nowhere(tmp_path):

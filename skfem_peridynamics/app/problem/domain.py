@@ -11,7 +11,7 @@ from ..._types import Longs, Mesh
 from ...geometry.boxes import box_of_axes, with_sides
 from ...geometry.layers import collar, region
 from ...geometry.slit import Crack, facets_on, slit
-from ...meshes.read_mesh import read_mesh
+from ...meshes.read_mesh import mended_mesh
 from ..scene.body_tables import InclusionTable, MeshTable
 from ..scene.reading import SceneError, blame
 from ..scene.scene import Scene, Where
@@ -21,10 +21,12 @@ def make_mesh(spec: MeshTable, folder: Path) -> Mesh:
     """Return the mesh of a ``[mesh]`` table; a box has the boundaries left, right, bottom, top, front, back."""
     if spec.file is not None:
         try:
-            mesh = read_mesh(folder / spec.file, spec.scale or 1.0, bool(spec.join))
+            mended = mended_mesh(folder / spec.file, spec.scale or 1.0, bool(spec.join))
         except ValueError as error:  # its sentence begins with the name of the file
             raise SceneError(f"mesh.file = {error}") from None
-        return mesh if mesh.boundaries else with_sides(mesh)
+        # names of a box's sides are for files that name no boundary, and never for a name that a file means otherwise
+        mesh = mended.mesh
+        return mesh if mesh.boundaries else with_sides(mesh, without=(*mended.lost, *(mesh.subdomains or ())))
     assert spec.box is not None
     assert spec.divisions is not None
     nodes = np.prod([n + 1.0 for n in spec.divisions])

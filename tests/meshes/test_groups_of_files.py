@@ -1,0 +1,350 @@
+"""Groups, parts and pieces as mesh files declare them: read as they are meant, or refused with the construct named."""
+
+import logging
+import re
+
+import meshio
+import numpy as np
+import pytest
+import skfem
+
+from skfem_peridynamics.app.problem.domain import make_mesh
+from skfem_peridynamics.app.scene.body_tables import MeshTable
+from skfem_peridynamics.app.scene.reading import SceneError
+from skfem_peridynamics.geometry.layers import collar
+from skfem_peridynamics.geometry.simplices import element_volumes
+from skfem_peridynamics.meshes.read_mesh import read_mesh
+
+# two rows of four squares on [0, 2] x [0, 1]
+NODES = "".join(f"{1 + i + 5 * j}, {0.5 * i}, {0.5 * j}, 0.\n" for j in range(3) for i in range(5))
+SQUARES = {
+    1 + i + 4 * j: (1 + i + 5 * j, 2 + i + 5 * j, 7 + i + 5 * j, 6 + i + 5 * j) for j in range(2) for i in range(4)
+}
+
+
+def rows(*numbers):
+    return "".join(f"{k}, {', '.join(map(str, SQUARES[k]))}\n" for k in numbers)
+
+
+LOWER, UPPER = (1, 2, 3, 4), (5, 6, 7, 8)
+
+
+def inp(tmp_path, text, **keys):
+    (tmp_path / "a.inp").write_text(text)
+    return read_mesh(tmp_path / "a.inp", **keys)
+
+
+def area(mesh, name=None):
+    chosen = slice(None) if name is None else mesh.subdomains[name]
+    return float(element_volumes(mesh)[chosen].sum())
+
+
+def centre(mesh, name):
+    chosen = mesh.subdomains[name]
+    middle = mesh.p[:, mesh.t[:, chosen]].mean(axis=1)
+    return middle @ element_volumes(mesh)[chosen] / area(mesh, name)
+
+
+def test_sets_take_their_own_elements(tmp_path):
+    """Of a block that is not the first, after one without a name, and of several blocks under one name."""
+    mesh = inp(
+        tmp_path,
+        f"*Node\n{NODES}*Element, type=CPS4\n{rows(*LOWER)}*Element, type=CPS4, elset=High\n{rows(*UPPER)}"
+        "*Elset, elset=Steel\nHigh\n*Elset, elset=Left, generate\n1, 5, 4\n"
+        f"*Element, type=CPS4, elset=High\n",
+    )
+    assert area(mesh) == pytest.approx(2.0)
+    assert area(mesh, "Steel") == pytest.approx(1.0)
+    assert centre(mesh, "Steel") == pytest.approx([1.0, 0.75])
+    assert centre(mesh, "Left") == pytest.approx([0.25, 0.5])
+
+
+def test_sets_of_sets_and_repeated_sets(tmp_path):
+    mesh = inp(
+        tmp_path,
+        f"*NODE\n{NODES}*ELEMENT, TYPE=CPS4, ELSET=A\n{rows(1, 2)}*ELEMENT, TYPE=CPS4, ELSET=B\n{rows(3, 4, 5)}"
+        f"*ELEMENT, TYPE=CPS4, ELSET=B\n{rows(6, 7, 8)}*ELSET, ELSET=Most\na,\n3, 4\n*ELSET, ELSET=MOST\n5\n"
+        "*ELSET, ELSET=All\nA, B\n*ELSET, ELSET=Again\nMost\n",
+    )
+    assert [area(mesh, name) for name in ("A", "B", "Most", "All", "Again")] == pytest.approx([0.5, 1.5, 1.25, 2, 1.25])
+
+
+def test_nodes_in_several_sections_make_boundaries(tmp_path):
+    lines = NODES.splitlines(keepends=True)
+    mesh = inp(
+        tmp_path,
+        f"*Node, nset=Bottom\n{''.join(lines[:5])}*Node\n{''.join(lines[5:])}*Element, type=CPS4\n{rows(*SQUARES)}"
+        "*Nset, nset=right\n5, 10, 15\n",
+    )
+    assert mesh.nvertices == 15
+    assert {name: len(facets) for name, facets in mesh.boundaries.items()} == {"Bottom": 4, "right": 2}
+
+
+def test_quotes_and_line_ends_of_another_system(tmp_path):
+    text = f'*Node\n{NODES}*Element, type=CPS4, elset="Steel Part"\n{rows(*SQUARES)}*Nset, nset="Left Edge"\n1, 6, 11\n'
+    (tmp_path / "a.inp").write_bytes(text.replace("\n", "\r\n").encode())
+    mesh = read_mesh(tmp_path / "a.inp")
+    assert (list(mesh.boundaries), list(mesh.subdomains)) == (["Left Edge"], ["Steel Part"])
+
+
+def test_instances_stand_where_they_are_put(tmp_path):
+    part = f"*Part, name=Plate\n*Node\n{NODES}*Element, type=CPS4R, elset=E\n{rows(*SQUARES)}*End Part\n"
+    mesh = inp(
+        tmp_path,
+        part + "*Assembly, name=All\n*Instance, name=A, part=plate\n*End Instance\n*Instance, name=B, part=Plate\n"
+        "10., 0., 0.\n10., 0., 0., 10., 0., 1., 90.\n*End Instance\n"
+        "*Elset, elset=Second, instance=B\nE\n*Nset, nset=Base, instance=A\n1, 2, 3, 4, 5\n*End Assembly\n",
+    )
+    assert area(mesh) == pytest.approx(4.0)
+    assert area(mesh, "E") == pytest.approx(4.0)
+    assert centre(mesh, "Second") == pytest.approx([9.5, 1.0])  # turned by 90 degrees about (10, 0)
+    assert len(mesh.boundaries["Base"]) == 4
+    assert np.ptp(mesh.p[0]) == pytest.approx(10.0)
+
+
+def test_parts_keep_their_sets_apart(tmp_path):
+    parts = "".join(
+        f"*Part, name={name}\n*Node\n{NODES}*Element, type=CPS4, elset=E{name}\n{rows(*SQUARES)}*End Part\n"
+        for name in "AB"
+    )
+    mesh = inp(
+        tmp_path,
+        parts
+        + "*Assembly, name=All\n*Instance, name=a-1, part=A\n*End Instance\n*Instance, name=b-1, part=B\n3., 0., 0.\n"
+        "*End Instance\n*End Assembly\n",
+    )
+    assert centre(mesh, "EA") == pytest.approx([1.0, 0.5])
+    assert centre(mesh, "EB") == pytest.approx([4.0, 0.5])
+
+
+def test_surfaces_are_boundaries(tmp_path):
+    mesh = inp(
+        tmp_path,
+        f"*Node\n{NODES}*Element, type=CPS4, elset=E\n{rows(*SQUARES)}*Elset, elset=_low, internal\n1, 2\n"
+        "*Surface, type=ELEMENT, name=Pressed\n_low, S1\n8, S2\n",
+    )
+    middle = mesh.p[:, mesh.facets[:, mesh.boundaries["Pressed"]]].mean(axis=1)
+    assert sorted(map(tuple, middle.T.round(9).tolist())) == [(0.25, 0.0), (0.75, 0.0), (2.0, 0.75)]
+    assert list(mesh.subdomains) == ["E"]
+
+
+def test_surfaces_of_solids(tmp_path):
+    """Face S5 of a hexahedron is nodes 3, 7, 8, 4: here the side y = 1."""
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    nodes = "".join(f"{k + 1}, {x}, {y}, {z}\n" for k, (x, y, z) in enumerate(corners))
+    mesh = inp(
+        tmp_path,
+        f"*Node\n{nodes}*Element, type=C3D8R\n1, 1, 2, 3, 4, 5, 6, 7,\n8\n*Surface, name=Top\n1, S5\n",
+    )
+    assert mesh.p[1, mesh.facets[:, mesh.boundaries["Top"]]].min() == 1.0
+    assert len(mesh.boundaries["Top"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("*Ngen\n1, 5, 1\n", "*NGEN makes or moves nodes"),
+        ("*Elset, elset=S\nnowhere\n", "lists 'nowhere', which is neither a number nor a set"),
+        ("*Elset, elset=S\n99\n", "lists 99, and the file has none of that number"),
+        ("*Elset, elset=S, generate\n1, 300000000\n", "generates numbers that the file does not have"),
+        ("*Elset\n1\n", "*ELSET has no ELSET="),
+        ("*Element, type=SPRING9\n9, 1, 2\n", "elements of type SPRING9 are not known"),
+        ("*Element, type=CPS4\n9, 1, 2\n", "elements of type CPS4 have 4 nodes each"),
+        ("*Element, type=CPS4\n9, 1, 2, 3, 77\n", "element 9 has a node that the file does not have"),
+        ("*Surface, name=S\n1, SPOS\n", "*SURFACE S has the face 'SPOS'"),
+        ("*Include, input=nothing.inp\n", "nothing.inp', which is not a file"),
+        ("*Node\n7, x, 0.\n", "is not a row of numbers"),
+    ],
+)
+def test_what_is_not_understood_is_named(text, words, tmp_path):
+    with pytest.raises(ValueError, match=re.escape(words)) as error:
+        inp(tmp_path, f"*Node\n{NODES}*Element, type=CPS4\n{rows(*SQUARES)}{text}")
+    assert "a.inp" in str(error.value)
+
+
+def test_files_that_include_each_other(tmp_path):
+    (tmp_path / "nodes.inc").write_text(f"*Node\n{NODES}")
+    mesh = inp(tmp_path, f"*Include, input=nodes.inc\n*Element, type=CPS4\n{rows(*SQUARES)}")
+    assert area(mesh) == pytest.approx(2.0)
+    with pytest.raises(ValueError, match="includes files more than 8 deep"):
+        inp(tmp_path, "*Include, input=a.inp\n")
+
+
+# ---- Gmsh
+GMSH = """$MeshFormat
+4.1 0 8
+$EndMeshFormat
+$PhysicalNames
+{names}
+$EndPhysicalNames
+$Entities
+4 4 1 0
+1 0 0 0 0
+2 1 0 0 0
+3 1 1 0 0
+4 0 1 0 0
+1 0 0 0 1 0 0 {bottom} 2 1 -2
+2 1 0 0 1 1 0 {right} 2 2 -3
+3 0 1 0 1 1 0 0 2 3 -4
+4 0 0 0 0 1 0 {left} 2 4 -1
+1 0 0 0 1 1 0 {plate} 4 1 2 3 4
+$EndEntities
+$Nodes
+1 4 1 4
+2 1 0 4
+1
+2
+3
+4
+0 0 0
+1 0 0
+1 1 0
+0 1 0
+$EndNodes
+$Elements
+4 5 1 5
+1 1 1 1
+1 1 2
+1 2 1 1
+2 2 3
+1 4 1 1
+3 4 1
+2 1 2 2
+4 1 2 3
+5 1 3 4
+$EndElements
+"""
+
+
+def gmsh(tmp_path, names, **groups):
+    given = dict.fromkeys(("bottom", "right", "left", "plate"), "0") | groups
+    (tmp_path / "a.msh").write_text(GMSH.format(names=names, **given))
+    return read_mesh(tmp_path / "a.msh")
+
+
+def side(mesh, name):
+    return mesh.p[:, mesh.facets[:, mesh.boundaries[name]]].mean(axis=1).T.tolist()
+
+
+def test_a_curve_taken_reversed_is_in_its_group(tmp_path):
+    mesh = gmsh(tmp_path, '2\n1 2 "left"\n2 1 "plate"', left="1 -2", plate="1 1")
+    assert side(mesh, "left") == [[0.0, 0.5]]
+    assert mesh.subdomains["plate"].tolist() == [0, 1]
+
+
+def test_an_entity_in_several_groups_and_groups_without_a_name(tmp_path):
+    mesh = gmsh(tmp_path, '1\n1 7 "edge"', left="2 7 9", bottom="1 9", plate="1 3")
+    assert side(mesh, "edge") == [[0.0, 0.5]]
+    assert sorted(side(mesh, "9")) == [[0.0, 0.5], [0.5, 0.0]]
+    assert list(mesh.subdomains) == ["3"]
+
+
+def test_one_name_for_a_boundary_and_a_region(tmp_path):
+    mesh = gmsh(tmp_path, '2\n1 1 "steel"\n2 1 "steel"', right="1 1", plate="1 1")
+    assert side(mesh, "steel") == [[1.0, 0.5]]
+    assert mesh.subdomains["steel"].tolist() == [0, 1]
+
+
+def test_elements_that_are_saved_without_a_group(tmp_path):
+    mesh = gmsh(tmp_path, '1\n1 2 "left"', left="1 2")
+    assert (list(mesh.boundaries), mesh.subdomains) == (["left"], None)
+    assert mesh.nelements == 2
+
+
+def test_counts_that_the_file_declares(tmp_path):
+    (tmp_path / "a.msh").write_text(
+        GMSH.format(names="0", bottom=0, right=0, left=0, plate=0).replace("4 5 1 5", "4 6 1 6")
+    )
+    with pytest.raises(ValueError, match="it declares 6 elements and lists 5"):
+        read_mesh(tmp_path / "a.msh")
+
+
+def test_a_declared_name_that_came_to_nothing_is_no_other_boundary(tmp_path, caplog):
+    """``left`` of the file is nothing: it is not the left side of the box, and to use it is an error."""
+    (tmp_path / "a.msh").write_text(GMSH.format(names='1\n1 2 "left"', bottom=0, right=0, left=0, plate=0))
+    with caplog.at_level(logging.WARNING):
+        mesh = make_mesh(MeshTable(file="a.msh"), tmp_path)
+    assert "the group 'left' is declared and has no facets of the boundary" in caplog.text
+    with pytest.raises(ValueError, match="'left' is an empty set"):
+        collar(mesh, "left", 0.0)
+    with pytest.raises(ValueError, match="boundary 'right' is not in the mesh"):
+        collar(mesh, "right", 0.0)
+    assert mesh.refined().nelements == 8
+
+
+def test_sides_are_named_where_a_file_names_none(tmp_path):
+    skfem.MeshTri().refined(1).save(str(tmp_path / "a.vtu"), encode_cell_data=False)
+    assert set(make_mesh(MeshTable(file="a.vtu"), tmp_path).boundaries) == {"left", "right", "bottom", "top"}
+    inp(tmp_path, f"*Node\n{NODES}*Element, type=CPS4\n{rows(*SQUARES)}*Nset, nset=left\n8\n")
+    mesh = make_mesh(MeshTable(file="a.inp"), tmp_path)
+    assert "left" not in mesh.boundaries  # a node inside: what the file calls left is not the side of the box
+    assert "right" in mesh.boundaries
+    with pytest.raises(SceneError, match="mesh.file = 'missing.msh' is not a file"):
+        make_mesh(MeshTable(file="missing.msh"), tmp_path.relative_to(tmp_path))
+
+
+# ---- VTU
+def plate(x=0.0):
+    axis = np.linspace(0, 2, 5)
+    mesh = skfem.MeshTri.init_tensor(axis + x, np.linspace(0, 1, 3))
+    return np.vstack([mesh.p, 0 * mesh.p[:1]]).T, mesh.t.T
+
+
+def vtu(path, **data):
+    p, t = plate()
+    half = (p[t].mean(axis=1)[:, 0] > 1.0) + 1
+    meshio.Mesh(p, [("triangle", t)], cell_data={key: [make(half)] for key, make in data.items()}).write(path)
+
+
+def test_tags_of_shape_n_by_1(tmp_path):
+    vtu(tmp_path / "a.vtu", region=lambda half: half[:, None])
+    mesh = read_mesh(tmp_path / "a.vtu")
+    assert [area(mesh, name) for name in ("1", "2")] == pytest.approx([1.0, 1.0])
+
+
+@pytest.mark.parametrize("name", ["materials", "MaterialIds", "name_to_read", "gmsh:physical"])
+def test_common_names_of_integers_are_groups(name, tmp_path):
+    vtu(tmp_path / "a.vtu", **{name: lambda half: half.astype(np.int32)})
+    mesh = read_mesh(tmp_path / "a.vtu")
+    assert centre(mesh, "2") == pytest.approx([1.5, 0.5])
+
+
+def test_integers_that_are_no_groups_are_named(tmp_path, caplog):
+    vtu(tmp_path / "a.vtu", processor=lambda half: half.astype(np.int32))
+    with caplog.at_level(logging.WARNING):
+        assert read_mesh(tmp_path / "a.vtu").subdomains is None
+    assert "the integers 'processor' of its elements are not taken for groups" in caplog.text
+
+
+def pieces(tmp_path):
+    parts = []
+    for k, x in enumerate((0.0, 2.0)):
+        p, t = plate(x)
+        meshio.Mesh(p, [("triangle", t)], cell_data={"region": [np.full(len(t), k + 1)]}).write(
+            tmp_path / "p.vtu", binary=False
+        )
+        text = (tmp_path / "p.vtu").read_text()
+        parts.append(re.search(r"<Piece.*</Piece>", text, re.S)[0])
+    return text.replace(parts[-1], "\n".join(parts))
+
+
+def test_several_pieces(tmp_path):
+    (tmp_path / "a.vtu").write_text(pieces(tmp_path))
+    mesh = read_mesh(tmp_path / "a.vtu")
+    assert (mesh.nvertices, area(mesh)) == (30, pytest.approx(4.0))
+    assert centre(mesh, "2") == pytest.approx([3.0, 0.5])
+    assert read_mesh(tmp_path / "a.vtu", join=True).nvertices == 27
+
+
+def test_true_reasons(tmp_path):
+    vtu(tmp_path / "a.vtu")
+    text = (tmp_path / "a.vtu").read_text()
+    (tmp_path / "lz4.vtu").write_text(text.replace("vtkZLibDataCompressor", "vtkLZ4DataCompressor"))
+    with pytest.raises(
+        ValueError, match=r"lz4.vtu'.*compressed by vtkLZ4DataCompressor, which is not read: save it again"
+    ):
+        read_mesh(tmp_path / "lz4.vtu")
+    count = pieces(tmp_path).replace('NumberOfCells="16"', 'NumberOfCells="15"', 1)
+    (tmp_path / "b.vtu").write_text(count)
+    with pytest.raises(ValueError, match="b.vtu'"):
+        read_mesh(tmp_path / "b.vtu")
