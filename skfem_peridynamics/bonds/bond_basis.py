@@ -10,8 +10,17 @@ from typing import Any
 import numpy as np
 
 from .._types import Floats, Ints
+from .._vectors import real_vector
+from ..geometry.simplices import vertex_sizes
 from .bond_list import BondList
-from .forms import Functions, Sides
+from .forms import Functions, Sides, field_class
+
+_OF_SPACE = ("get_dofs", "complement_dofs", "zeros", "ones", "project", "doflocs", "probes", "elem", "nodal_dofs")
+_REFUSED = {
+    "with_element": "their ends are read by P1 values; make a BondBasis over another basis of P1 elements",
+    "quadrature": "their points are those of the rule; give BondBasis another rule",
+    "refinterp": "an end of a bond is a point; use bonds.space.refinterp",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +140,14 @@ class BondBasis(BondList):
 
         return discrete_moments(self)
 
+    def __getattr__(self, name: str) -> Any:
+        """What is asked of a basis and concerns its unknowns alone is that of the space."""
+        if name in _OF_SPACE and "space" in self.__dict__:
+            return getattr(self.space, name)
+        if name in _REFUSED:
+            raise AttributeError(f"bonds have no {name}: {_REFUSED[name]}")
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
     # ---- what scikit-fem's forms read from a basis
     @cached_property
     def sides(self) -> Sides:
@@ -178,13 +195,14 @@ class BondBasis(BondList):
         Returns
         -------
         dict
-            ``x, y, xi = y - x``, fields (dim, nelems, 1), and ``r = |xi|``, (nelems, 1).
+            ``x, y, xi = y - x``, fields (dim, nelems, 1), and ``r = |xi|`` and the mesh size ``h`` at x, (nelems, 1).
         """
         from skfem.element import DiscreteField
 
         xi = self.vectors()[:, self.sides.live, None]
-        x = self.sides.at(0, self.mesh.p.T.ravel())
-        fields = {"x": x, "y": x + xi, "xi": xi, "r": np.linalg.norm(xi, axis=0)}
+        x = self.sides.interpolated(0, self.mesh.p.T)
+        h = self.sides.interpolated(0, vertex_sizes(self.mesh)[:, None])[0]
+        fields = {"x": x, "y": x + xi, "xi": xi, "r": np.linalg.norm(xi, axis=0), "h": h}
         return {name: DiscreteField(field) for name, field in fields.items()}
 
     def interpolate(self, u: Floats) -> tuple[Any, Any]:
@@ -205,10 +223,8 @@ class BondBasis(BondList):
         ValueError
             For a vector of another length.
         """
-        from skfem.element import DiscreteField
-
-        u = np.asarray(u, dtype=float)
+        u = real_vector(u)
         if u.shape != (self.N,):
             raise ValueError(f"u has shape {u.shape}; the basis has {self.N} degrees of freedom")
-        at_x, at_y = (DiscreteField(self.sides.at(side, u)) for side in (0, 1))
+        at_x, at_y = (field_class()(self.sides.at(side, u)) for side in (0, 1))
         return at_x, at_y

@@ -63,12 +63,26 @@ class BondList:
         mesh = self.space.mesh
         check_simplices(mesh)
         # vertex k has the unknowns dim k ... dim k + dim - 1: the engines count on it
-        expected = np.arange(mesh.dim() * mesh.nvertices).reshape(-1, mesh.dim()).T
+        components = 1 if self.scalar else mesh.dim()
+        expected = np.arange(components * mesh.nvertices).reshape(-1, components).T
         if expected.size != self.space.N or not np.array_equal(self.space.nodal_dofs, expected):
             raise ValueError(
                 f"basis has {self.space.N} degrees of freedom; bonds need the vector P1 basis of the mesh "
-                f"({expected.size}): skfem.Basis(mesh, ElementVector(P1 element of the mesh))"
+                f"({mesh.dim() * mesh.nvertices}), skfem.Basis(mesh, ElementVector(P1 element of the mesh)), or for "
+                "scalar forms the P1 basis"
             )
+        if not getattr(self.space, "numbers_only", False) and self.space.nelems != mesh.nelements:
+            raise ValueError(
+                f"basis is of {self.space.nelems} elements or facets of a mesh of {mesh.nelements} elements: bonds are "
+                "of the whole body; take a basis without elements= or facets=, of mesh.restrict(elements) for a part"
+            )
+
+    @property
+    def scalar(self) -> bool:
+        """Whether the space is scalar: it serves forms, and no body."""
+        from skfem.element import ElementVector
+
+        return not isinstance(self.space.elem, ElementVector)
 
     @property
     def mesh(self) -> Mesh:

@@ -86,7 +86,8 @@ def with_sides(mesh: Mesh, without: Collection[str] = ()) -> Mesh:
     for axis, pair in enumerate(names[: mesh.dim()]):
         low, high = mesh.p[axis].min(), mesh.p[axis].max()
         for name, at in zip(pair, (low, high), strict=True):
-            on = facets[(np.abs(middle[axis] - at) <= 1e-9 * (high - low)).all(axis=0)]
+            near = np.abs(middle[axis] - at) <= max(1e-9 * (high - low), 4.0 * np.spacing(abs(at)))
+            on = facets[near.all(axis=0)]
             if len(on) and name not in without:
                 sides[name] = on
     return mesh.with_boundaries(sides)

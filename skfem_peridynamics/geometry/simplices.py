@@ -18,8 +18,8 @@ def check_simplices(mesh: Mesh) -> None:
     """Raise ``ValueError`` unless the mesh is of first-order lines, triangles or tetrahedra of positive volume."""
     if mesh.t.shape[0] != mesh.p.shape[0] + 1 or mesh.elem.maxdeg > 1:
         raise ValueError(
-            f"mesh is a {type(mesh).__name__}; the elements must be first-order simplices: "
-            "lines (1D), triangles (2D) or tetrahedra (3D)"
+            f"mesh is a {type(mesh).__name__}; the elements must be first-order simplices: lines (1D), triangles (2D) "
+            "or tetrahedra (3D); quadrilaterals and hexahedra become these by mesh.to_meshtri() and mesh.to_meshtet()"
         )
     if not np.isfinite(mesh.p).all():
         raise ValueError("mesh has vertices with coordinates that are not finite")

@@ -234,6 +234,13 @@ class Material:
             raise ValueError(f"convention = {self.convention!r} must be one of {', '.join(FACTOR)}")
         if self.calibrate not in ("continuum", "discrete"):
             raise ValueError(f'calibrate = {self.calibrate!r} must be "continuum" or "discrete"')
+        ratios = {"stress": 1.0 / 3.0, "strain": 0.25, None: 0.25}
+        if self.poisson is not None and abs(self.poisson - ratios[self.plane]) > 1e-6:
+            state_of = f'plane = "{self.plane}"' if self.plane else "3D, none in 1D"
+            raise ValueError(
+                f"poisson = {self.poisson}: a bond-based law has one elastic constant (lambda = mu), hence one Poisson "
+                f"ratio, {ratios[self.plane]:.6g} in {state_of}; leave poisson out or choose another model"
+            )
         if self.compression not in COMPRESSION:
             raise ValueError(f"compression = {self.compression!r} must be one of {', '.join(COMPRESSION)}")
 

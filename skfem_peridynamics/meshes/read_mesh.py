@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .._memory import free_memory
-from .._types import Mesh
+from .._types import Floats, Mesh
 from ..geometry.simplices import describe_point
 from .mend import Mended, Raw, mend
 
@@ -54,6 +54,7 @@ def mended_mesh(path: Path, scale: float = 1.0, join: bool = False) -> Mended:
     try:
         own = _own_reader(path)
         raw = _by_meshio(path) if own is None else own(path)
+        _check_points(raw.points)
         raw = dataclasses.replace(raw, points=raw.points * scale)
         mended = mend(raw, join)
     except ValueError as error:
@@ -101,9 +102,14 @@ def check_cells(content: Any) -> None:
     ):
         raise ValueError("its elements are not all of as many vertices")
     count = len(content.points)
-    far = np.flatnonzero(~(np.abs(content.points) <= _LARGEST).all(axis=1))
-    if len(far):
-        raise ValueError(f"its vertex {far[0]} is at {describe_point(content.points[far[0]])}")
+    _check_points(content.points)
     for block in content.cells:
         if block.data.size and not 0 <= block.data.min() <= block.data.max() < count:
             raise ValueError(f"a {block.type} has vertex {block.data.max()}; the file has {count} vertices")
+
+
+def _check_points(points: Floats) -> None:
+    """Raise ``ValueError`` for vertices that are nowhere, or farther than can be computed with."""
+    far = np.flatnonzero(~(np.abs(points) <= _LARGEST).all(axis=1))
+    if len(far):
+        raise ValueError(f"its vertex {far[0]} is at {describe_point(points[far[0]])}")

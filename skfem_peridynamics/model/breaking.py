@@ -94,6 +94,7 @@ class Breaking(Peridynamics):
     at: float = 1.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not (np.isfinite(self.at) and self.at >= 1.0):
             raise ValueError(f"at = {self.at}: bonds break at 1 or more times their critical strain")
         if not self.symmetric:

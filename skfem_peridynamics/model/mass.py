@@ -46,15 +46,22 @@ def mass_matrix(basis: Basis, *, density: float | Floats = 1.0, kind: str = "lum
     if len(wrong):
         which = f" of element {wrong[0]}" if rho.ndim else ""
         raise ValueError(f"density{which} = {rho.ravel()[wrong[0]]} must be a positive number")
+    restricted = basis.nelems != mesh.nelements
+    if restricted and not (kind == "lumped" and getattr(basis, "numbers_only", False)):
+        raise ValueError(
+            f"basis is of {basis.nelems} elements or facets of a mesh of {mesh.nelements} elements: the mass is of the "
+            "whole body; take a basis without elements= or facets="
+        )
     if kind == "lumped":
         m = vertex_volumes(mesh, rho) if rho.ndim else float(rho) * vertex_volumes(mesh)
-        return sparse.csr_matrix(sparse.diags(np.repeat(m, mesh.dim())))
+        return sparse.csr_matrix(sparse.diags(np.repeat(m, basis.N // mesh.nvertices)))
     if kind != "consistent":
         raise ValueError(f'kind = {kind!r} must be "lumped" or "consistent"')
     from skfem import BilinearForm
+    from skfem.element import ElementVector
     from skfem.helpers import dot
 
+    product = dot if isinstance(basis.elem, ElementVector) else np.multiply
     if not rho.ndim:
-        return sparse.csr_matrix(float(rho) * BilinearForm(lambda u, v, w: dot(u, v)).assemble(basis))
-    tabulated = np.arange(mesh.nelements) if basis.tind is None else basis.tind
-    return sparse.csr_matrix(BilinearForm(lambda u, v, w: w.rho * dot(u, v)).assemble(basis, rho=rho[tabulated, None]))
+        return sparse.csr_matrix(float(rho) * BilinearForm(lambda u, v, w: product(u, v)).assemble(basis))
+    return sparse.csr_matrix(BilinearForm(lambda u, v, w: w.rho * product(u, v)).assemble(basis, rho=rho[:, None]))

@@ -15,6 +15,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from .._compile import available
 from .._types import Csr, Floats, Longs
+from .._vectors import real_vector
 from ..bonds.bond_basis import BondBasis
 from ..engine.block import Block, make_blocks, matrix_bytes
 from ..engine.engine import Engine, make_engine
@@ -80,6 +81,20 @@ class Peridynamics:
     threads: int | None = None
     matrix_memory: float = MATRIX_MEMORY
     compiled: bool | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.bonds, BondBasis):
+            raise ValueError(f"bonds = {type(self.bonds).__name__} must be a BondBasis")
+        if self.bonds.scalar:
+            raise ValueError(
+                "bonds are over a scalar basis: they serve forms; a body needs the vector P1 basis, "
+                "skfem.Basis(mesh, ElementVector(P1 element of the mesh))"
+            )
+        if not isinstance(self.material, Material | Potential | Composite):
+            raise ValueError(
+                f"material = {self.material!r} must be a Material, a Composite or a Potential; "
+                "own_potential(law) makes one of your own law"
+            )
 
     def with_(self, **changes: Any) -> Peridynamics:
         """Return a copy with other bonds, another material, no-fail vertices or threads.
@@ -186,7 +201,7 @@ class Peridynamics:
         return available() if self.compiled is None else self.compiled
 
     def _vector(self, u: Floats) -> Floats:
-        u = np.asarray(u, dtype=float)
+        u = real_vector(u)
         if u.shape != (self.basis.N,):
             raise ValueError(f"u has shape {u.shape}; the basis has {self.basis.N} degrees of freedom")
         return u
@@ -338,7 +353,7 @@ class Peridynamics:
 
     def _operator(self, weights: Sequence[Floats] | None) -> LinearOperator:
         def apply(x: Floats, transposed: bool = False) -> Floats:
-            return self.engine.product(weights, np.asarray(x, dtype=float).ravel(), transposed)
+            return self.engine.product(weights, real_vector(x, "x").ravel(), transposed)
 
         size = self.basis.N
         return LinearOperator(

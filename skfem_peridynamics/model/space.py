@@ -23,6 +23,19 @@ def vector_basis(mesh: Mesh, **options: Any) -> Basis:
     return Basis(mesh, ElementVector(element), **{"intorder": 2, **options})
 
 
+def numbering_basis(mesh: Mesh) -> Basis:
+    """Return the same basis where only its numbers are used: a single element is all it tabulates.
+
+    >>> import skfem
+    >>> basis = numbering_basis(skfem.MeshTri().refined(3))
+    >>> int(basis.N), basis.nelems
+    (162, 1)
+    """
+    basis = vector_basis(mesh, elements=np.array([0]), intorder=1)
+    basis.numbers_only = True
+    return basis
+
+
 def interpolate(basis: Basis, function: Callable[[Floats], Floats]) -> Floats:
     """Return ``I_h(function)``: its values at the vertices.
 

@@ -15,7 +15,7 @@ from ..model.peridynamics import Peridynamics
 from .cfl import StepLimit
 from .constraints import Prescribed, check_fixed
 from .energy import inner, trapezoid
-from .inputs import check_start, checked_load, initial_vector
+from .inputs import check_load, check_start, checked_load, initial_vector
 from .instability import Watch, watching
 from .mass_solver import MassSolver, mass_solver
 from .state import State, read_only
@@ -104,6 +104,7 @@ def central_difference(
     (315, -0.999965, 0.5)
     """
     size = M.shape[0]
+    check_load(load)
     prescribed = check_fixed(fixed, size)
     mass = mass_solver(M, prescribed)
     if not (np.isfinite(dt) and dt > 0.0):

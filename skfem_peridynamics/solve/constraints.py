@@ -45,6 +45,8 @@ class Prescribed:
     velocity: Motion | None = None
 
     def __post_init__(self) -> None:
+        if isinstance(self.dofs, str):
+            raise ValueError(f"dofs = {self.dofs!r} is a name: give basis.get_dofs({self.dofs!r})")
         dofs = self.dofs.all() if hasattr(self.dofs, "all") and not isinstance(self.dofs, np.ndarray) else self.dofs
         dofs = np.asarray(dofs)
         if not dofs.size:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 import scipy.sparse as sparse
@@ -16,7 +17,7 @@ from .cfl import StepLimit
 from .constraints import Prescribed, check_fixed
 from .energy import inner, trapezoid
 from .halved_steps import HalvedSteps
-from .inputs import check_start, checked_load, initial_vector
+from .inputs import check_load, check_start, checked_load, initial_vector
 from .instability import Watch, watching
 from .mass_solver import MassSolver, mass_solver
 from .newton import Effort, NotConverged, Objective, minimise
@@ -133,6 +134,7 @@ def newmark(
             "take a symmetric rule"
         )
     u, v = initial_vector(u0, size, "u0"), initial_vector(v0, size, "v0")
+    check_load(load)
     prescribed = check_fixed(fixed, size)
     free = np.setdiff1d(np.arange(size), prescribed)
     step = _Step(
@@ -232,6 +234,10 @@ def _steps(
     start: State | None,
 ) -> Iterator[State]:
     """Step from the beginning, or from ``start``, to ``until``; yield a state a step."""
+    # whole steps to the end, the longest that are not longer than asked for
+    even = until / max(1, ceil(until / dt - 1e-9)) if until > 0.0 else dt
+    if start is None or HalvedSteps(even).resume(start.t, start.dt, start.step):
+        dt = even
     lag = 0.5 * step.gamma - step.beta
     ticking = HalvedSteps(dt)
 

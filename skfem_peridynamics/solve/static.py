@@ -16,7 +16,7 @@ from ..model.vertex_stiffness import vertex_stiffness_scale
 from .constraints import Prescribed, check_fixed
 from .energy import trapezoid
 from .halved_steps import HalvedSteps
-from .inputs import check_start, checked_load, initial_vector
+from .inputs import check_load, check_start, checked_load, initial_vector
 from .newton import Effort, NotConverged, Objective, minimise
 from .preconditioner import Preconditioner
 from .state import Equilibrium, read_only
@@ -108,6 +108,7 @@ def static(
     for motion in fixed:
         if motion.displacement is None:
             raise ValueError("a body at rest has no velocity: prescribe the displacement, as a function of t")
+    check_load(load)
     prescribed = check_fixed(fixed, size)
     check_rigid(body.whole)
     check_supported(body.whole, prescribed)

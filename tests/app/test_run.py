@@ -18,8 +18,8 @@ from small_scenes import GOOD, change
 KEYS = [
     "nodes",
     "bonds",
-    "dt",
-    "dt_limit",
+    "step",
+    "step_limits",
     "steps",
     "energy_drift",
     "seconds",
@@ -51,11 +51,11 @@ def test_summary(finished):
     stored = json.loads((out / "summary.json").read_text())
     assert set(KEYS) <= set(stored)
     assert stored["status"] == "finished"
-    assert set(stored["dt_limit"]) == {"eigenvalue", "nodal_bound", "closed_form", "row_sum"}
+    assert set(stored["step_limits"]) == {"by_eigenvalue", "by_nodal_bound", "by_closed_form", "by_row_sum"}
     assert set(stored["seconds"]) == {"setup", "cfl", "steps", "output"}
     assert stored["nodes"] == 17 * 9 + 8
-    assert stored["dt"] * stored["steps"] == pytest.approx(0.5, rel=1e-12)
-    assert stored["dt"] <= 0.9 * max(stored["dt_limit"]["eigenvalue"], stored["dt_limit"]["nodal_bound"])
+    assert stored["step"] * stored["steps"] == pytest.approx(0.5, rel=1e-12)
+    assert stored["step"] <= 0.9 * max(stored["step_limits"]["by_eigenvalue"], stored["step_limits"]["by_nodal_bound"])
     per_step = stored["seconds"]["steps"] / stored["steps"]  # seconds are rounded to a microsecond
     assert stored["seconds_per_step"] == pytest.approx(per_step, abs=0.51e-6 / stored["steps"])
     assert summary["bonds"] == stored["bonds"]
@@ -148,8 +148,8 @@ def test_cfl_of_a_scene_and_of_a_mesh_file(tmp_path, capsys):
     (tmp_path / "scene.toml").write_text(GOOD)
     assert main(["cfl", str(tmp_path / "scene.toml"), "--json"]) == 0
     numbers = json.loads(capsys.readouterr().out)
-    assert numbers["dt"] <= numbers["dt_limit"]["eigenvalue"]
-    assert numbers["dt"] >= numbers["dt_limit"]["nodal_bound"]
+    assert numbers["stable_step"] <= numbers["step_limits"]["by_eigenvalue"]
+    assert numbers["stable_step"] >= numbers["step_limits"]["by_nodal_bound"]
     mesh = skfem.MeshTri.init_tensor(np.linspace(0, 1, 17), np.linspace(0, 0.5, 9))
     mesh.save(str(tmp_path / "plate.vtu"))
     flags = [
@@ -167,7 +167,7 @@ def test_cfl_of_a_scene_and_of_a_mesh_file(tmp_path, capsys):
     assert main(["cfl", *flags, "--json"]) == 0
     plain = json.loads(capsys.readouterr().out)
     assert plain["nodes"] == 153
-    assert plain["dt"] == pytest.approx(numbers["dt"], rel=0.02)  # the crack changes little
+    assert plain["stable_step"] == pytest.approx(numbers["stable_step"], rel=0.02)  # the crack changes little
     assert main(["cfl", *flags]) == 0
     table = capsys.readouterr().out
     for word in ("limit", "eigenvalue", "nodal bound", "closed form", "row sum"):

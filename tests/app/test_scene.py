@@ -313,3 +313,21 @@ def test_time_dependent_loads_and_motions_agree_with_the_library():
     assert (F0 - still)[:, 1].sum() == pytest.approx(0.005, rel=1e-12)
     left = np.flatnonzero(x == 0)
     assert problem.fixed[0].mean_velocity(1.0, 3.0) == pytest.approx(2.0 * y[left])
+
+
+def test_a_box_on_a_map(tmp_path, capsys):
+    """Two metres at coordinates of millions: bonds, sides and step are those of the same box at the origin."""
+    there = change("box = [[0, 1], [0, 0.5]]", "box = [[5400000, 5400001], [300000, 300000.5]]")
+    there = there.replace("[[0.0, 0.25], [0.5, 0.25]]", "[[5400000.0, 300000.25], [5400000.5, 300000.25]]")
+    counts = []
+    for content in (GOOD, there.replace("1e-3*y", "1e-3*(y-300000)")):
+        (tmp_path / "scene.toml").write_text(content)
+        assert main(["check", str(tmp_path / "scene.toml")]) == 0
+        counts.append([line for line in capsys.readouterr().out.splitlines() if "nodes" in line or "bonds" in line])
+    assert counts[0] == counts[1]
+
+
+def test_one_vertex_per_horizon_is_noted(tmp_path, caplog, capsys):
+    (tmp_path / "scene.toml").write_text(change("horizon = 0.13", "horizon = 0.065"))
+    assert main(["check", str(tmp_path / "scene.toml")]) == 0
+    assert "bonds.horizon = 0.065 spans 1 vertices" in capsys.readouterr().out

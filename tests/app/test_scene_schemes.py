@@ -52,7 +52,7 @@ def test_newmark_and_central_difference_run_to_the_same_end(tmp_path):
     assert summary["steps"] == 40
     assert summary["newton_iterations"] == 40
     assert summary["energy_drift"] < 1e-3
-    assert "dt_limit" not in summary  # not asked for, not computed
+    assert "step_limits" not in summary  # not asked for, not computed
     rows = list(csv.DictReader((tmp_path / "out" / "history.csv").read_text().splitlines()))
     assert [float(row["t"]) for row in rows] == [0.0, 0.5, 1.0, 1.5, 2.0]
     assert len(list((tmp_path / "out").glob("frame_*.vtu"))) == 3

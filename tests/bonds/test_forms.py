@@ -101,7 +101,7 @@ def test_condense_and_solve_a_clamped_bar(rule):
 def test_parameters_and_members():
     bonds = BondBasis(vector_basis(box(2, 3, "random")), 0.5, rule=BallRule(2, 3))
     w = bonds.default_parameters()
-    assert set(w) == {"x", "y", "xi", "r"}
+    assert set(w) == {"x", "y", "xi", "r", "h"}
     assert np.array(w["y"]) - np.array(w["x"]) == pytest.approx(np.array(w["xi"]), abs=1e-15)
     assert np.linalg.norm(w["xi"], axis=0) == pytest.approx(np.array(w["r"]))
     assert bonds.X.shape == (2, 1)

@@ -46,6 +46,14 @@ def test_own_form():
     assert 1.0 < halves[0] < 1.0 + 0.04 / 0.2  # softer, by less than one horizon over the width
 
 
+def test_nonlocal_diffusion():
+    """The quadratic is exact; the sine tends to the local solution."""
+    result = script("nonlocal_diffusion").main(2)
+    assert result["error of the quadratic"] < 1e-12
+    far, near = (result[f"sine, off the local one at eps = {eps}"] for eps in (0.2, 0.1))
+    assert near < 0.5 * far < 2e-3  # 1.3e-3 and 3.4e-3 measured
+
+
 def test_cfl_of_a_mesh():
     import skfem
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..._version import __version__
+from ..files.history import plain, step_limits
 from ..scene.body_tables import BondsTable, MaterialTable, MeshTable
 from ..scene.reading import SceneError
 from ..scene.scene import Scene, TimeTable
@@ -34,8 +35,8 @@ def cfl(arguments: argparse.Namespace) -> int:
     numbers: dict[str, Any] = {
         "nodes": int(problem.mesh.nvertices),
         "bonds": int(problem.bonds.nbonds),
-        "dt": limit.dt,
-        "dt_limit": limit.steps(),
+        "stable_step": limit.dt,
+        "step_limits": step_limits(limit),
         "largest_eigenvalue": limit.eigenvalue,
         "residual": limit.residual,
         "stiffness_products": limit.products,
@@ -43,8 +44,6 @@ def cfl(arguments: argparse.Namespace) -> int:
         "version": __version__,
     }
     if arguments.json:
-        from ..files.history import plain
-
         print(json.dumps(plain(numbers), indent=2, allow_nan=False))
         return 0
     steps = limit.steps()

@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
         print_table(
             [
                 ("nodes, bonds", f"{summary['nodes']}, {summary['bonds']}"),
-                ("steps, dt", f"{summary['steps']}, {summary['dt']:.6g}"),
+                ("steps, step", f"{summary['steps']}, {summary['step']:.6g}"),
                 (
                     "softened bonds",
                     f"{summary['softened_bonds']}, largest |S|/S_c {_largest_strain(summary['largest_Z'])}",

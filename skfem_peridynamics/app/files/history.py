@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..._types import Floats
+from ...solve.cfl import StepLimit
 from .whole_files import OutputError, write_all, write_whole
 
 
@@ -66,6 +67,15 @@ class History:
 def write_summary(path: Path, summary: dict[str, Any]) -> None:
     """Write ``summary.json``; what is not a number becomes null."""
     write_whole(path, json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
+
+
+def step_limits(limit: StepLimit) -> dict[str, float]:
+    """Return the step that each estimate alone allows, under names that say so: in Python these are eigenvalues.
+
+    >>> step_limits(StepLimit(4.0, 0.0, 16.0, 16.0, 64.0, products=0))["by_nodal_bound"]
+    0.5
+    """
+    return {f"by_{name}": step for name, step in limit.steps().items()}
 
 
 def plain(value: Any) -> Any:

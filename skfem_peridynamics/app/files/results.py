@@ -88,9 +88,18 @@ class Results:
 _NUMBERS = {
     *("crack_length", "crack_reach", "crack_area", "tips", "largest_tip_speed"),
     *("energy_per_crack_length", "energy_per_crack_area", "energy_drift", "energy_lost", "error_estimate"),
-    *("largest_Z", "softened_bonds", "broken_bonds", "nodes", "bonds", "steps", "dt", "peak_memory_mb"),
+    *("largest_Z", "softened_bonds", "broken_bonds", "nodes", "bonds", "steps", "step", "peak_memory_mb"),
 }
-_TABLES = {"seconds": True, "elastic": True, "dt_limit": True, "run": False}  # and whether they hold numbers only
+_TABLES = {"seconds": True, "elastic": True, "step_limits": True, "run": False}  # and whether they hold numbers only
+
+
+def _rename_old(summary: dict[str, Any]) -> None:
+    """Give the keys of runs before version 0.2 the names they have now."""
+    if "dt" in summary:
+        summary.setdefault("step", summary.pop("dt"))
+    if isinstance(summary.get("dt_limit"), dict):
+        old = summary.pop("dt_limit")
+        summary.setdefault("step_limits", {f"by_{name}": step for name, step in old.items()})
 
 
 def _summary(path: Path) -> dict[str, Any]:
@@ -99,6 +108,7 @@ def _summary(path: Path) -> dict[str, Any]:
     summary = json.loads(path.read_bytes())
     if not isinstance(summary, dict):
         raise ValueError("summary.json holds no table")
+    _rename_old(summary)
     for name, value in summary.items():
         if value is None:
             continue

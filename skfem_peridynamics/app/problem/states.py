@@ -7,12 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from ...geometry.simplices import vertex_sizes
 from ...solve.central_difference import central_difference
 from ...solve.instability import Watch
 from ...solve.newmark import newmark
 from ...solve.static import static
 from ..scene.reading import blame
 from .problem import Problem
+
+_FEW = 1.5  # vertices per horizon: with fewer a lattice has bonds along its edges alone
 
 
 def states(problem: Problem, dt: float, start: Any = None, watch: int | Watch = 100) -> Iterator[Any]:
@@ -56,6 +59,12 @@ def remarks(problem: Problem) -> list[str]:
         out = _on_the_limit(problem, steps)
     if steps > 1_000_000:
         out.append(f"the run takes {steps:.3g} steps; are the units of time.until = {time.until:g} what you mean?")
+    spanned = problem.scene.bonds.horizon / float(np.median(vertex_sizes(problem.mesh)))
+    if spanned < _FEW:
+        out.append(
+            f"bonds.horizon = {problem.scene.bonds.horizon:g} spans {spanned:.2g} vertices: bonds reach hardly more "
+            "than the nearest neighbours, and waves and cracks follow the mesh; take 3 vertices per horizon, or 4"
+        )
     at = problem.scene.material.breaking
     if at is not None:
         law = next(law for law in problem.body_at_rest.laws if np.isfinite(law.inflection))

@@ -179,15 +179,15 @@ def _trust(summary: Mapping[str, Any]) -> str:
         ("rule", "rule"),
         ("scheme", "scheme"),
         ("steps", "steps"),
-        ("dt", "step"),
+        ("step", "step"),
         ("kernels", "kernels"),
         ("peak_memory_mb", "memory, MB"),
     ):
         if summary.get(name) is not None:
             rows.append((label, _number(summary[name])))
-    limit = summary.get("dt_limit")
-    if isinstance(limit, dict) and isinstance(limit.get("eigenvalue"), (int, float)) and summary.get("dt"):
-        rows.append(("step over its limit", f"{summary['dt'] / limit['eigenvalue']:.3f}"))
+    limit = summary.get("step_limits")
+    if isinstance(limit, dict) and isinstance(limit.get("by_eigenvalue"), (int, float)) and summary.get("step"):
+        rows.append(("step over its limit", f"{summary['step'] / limit['by_eigenvalue']:.3f}"))
     return _table(rows)
 
 

@@ -13,7 +13,7 @@ from ..._memory import peak_memory_mb
 from ..._version import __version__
 from ...analysis.crack import WINDOW, speeds
 from ...engine.threads import usable_cores
-from ..files.history import History
+from ..files.history import History, step_limits
 from ..problem.problem import Problem
 from .record import COLUMNS, Record
 
@@ -33,8 +33,8 @@ def summary_before(problem: Problem, dt: float, steps: int, blocks: int) -> dict
         "blocks": blocks,
         "kernels": "compiled" if problem.body.compiles else "sparse products",
         "cores": usable_cores(),
-        "dt": dt,
-        **({"dt_limit": limit.steps()} if limit is not None else {}),
+        "step": dt,
+        **({"step_limits": step_limits(limit)} if limit is not None else {}),
         "steps": steps,
         "elastic": _elastic(problem),
     }

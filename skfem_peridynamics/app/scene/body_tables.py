@@ -30,6 +30,9 @@ def formulas(value: Any, path: str) -> tuple[Formula, ...]:
     return tuple(formula(entry, f"{path}[{k}]") for k, entry in enumerate(value))
 
 
+_NARROWEST = 1e-9  # extent of a box over its coordinates, as on a map: what is left of 16 digits tells points apart
+
+
 @dataclass(frozen=True)
 class MeshTable:
     """``[mesh]``: a ``file`` that meshio reads, or a ``box`` (one row per axis) with ``divisions``.
@@ -55,7 +58,7 @@ class MeshTable:
             if not 1 <= len(self.box) <= 3 or len(self.box) != len(self.divisions):
                 raise ValueError(f"box has {len(self.box)} axes and divisions {len(self.divisions)}; 1 to 3, alike")
             for axis in self.box:
-                if len(axis) != 2 or not axis[1] - axis[0] > 1e-6 * max(map(abs, axis)):
+                if len(axis) != 2 or not axis[1] - axis[0] > _NARROWEST * max(map(abs, axis)):
                     raise ValueError(
                         f"box = {list(map(list, self.box))}: each axis is [low, high] with low < high, "
                         "and not so close that the numbers cannot tell"
