@@ -80,8 +80,12 @@ def _add_numbered(
             continue
         dim = content.cells[k].dim
         for number in np.unique(values[values != 0]).tolist():
-            name = known.get((number, dim), str(int(number)))
-            tags.setdefault(name, [None] * len(content.cells))[k] = np.flatnonzero(values == number)
+            # the families of MED have several names each, and a name several families
+            families = getattr(content, "cell_tags", {}).get(int(number)) if key == "cell_tags" else None
+            for name in families or [known.get((number, dim), str(int(number)))]:
+                cells = np.flatnonzero(values == number)
+                before = tags.setdefault(name, [None] * len(content.cells))[k]
+                tags[name][k] = cells if before is None else np.union1d(before, cells)
 
 
 def _add_skfem_tags(content: Any, blocks: list[tuple[str, Longs]], tags: dict[str, list[Longs | None]]) -> None:

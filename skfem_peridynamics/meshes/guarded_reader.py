@@ -7,6 +7,8 @@ TetGen and WKT loop at an unexpected end. What the process gives back are plain 
 from __future__ import annotations
 
 import io
+import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +23,7 @@ _SAFE = {".vtk", ".mesh", ".meshb", ".vol", ".obj", ".stl"}
 _SECONDS, _RATE = 5.0, 1e6  # patience, and bytes a second on top
 
 _CHILD = """
+import json
 import sys
 import numpy as np
 import meshio
@@ -39,8 +42,14 @@ for what in ("field_data", "point_sets"):
     for name, part in getattr(mesh, what).items():
         if np.asarray(part).dtype.kind in "iu":
             content[f"{what} 0 {name}"] = part
+names = {str(tag): list(map(str, found)) for tag, found in getattr(mesh, "cell_tags", {}).items()}
+content["tag_names"] = np.array(json.dumps(names))
 np.savez(out.buffer, **content)
 """
+
+
+class ReaderError(Exception):
+    """What a reader in a process of its own has ended with."""
 
 
 def read(path: Path) -> Any:
@@ -68,14 +77,20 @@ def read(path: Path) -> Any:
         raise TimeoutError(f"its reader has not come to an end in {patience:.0f} s") from None
     if done.returncode:
         said = done.stderr.decode(errors="replace").strip().splitlines()
-        raise ValueError(said[-1] if said else "its reader failed")
+        missing = re.fullmatch(r"ModuleNotFoundError: No module named '(\w+)[\w.]*'", said[-1] if said else "")
+        if missing:
+            raise ModuleNotFoundError(said[-1], name=missing[1])
+        raise ReaderError(said[-1] if said else "")
     cells: list[tuple[str, Any]] = []
     arrays_by_name: dict[str, Any] = {"points": np.zeros((0, 3)), "cell_data": {}, "cell_sets": {}, "field_data": {}}
     arrays_by_name["point_sets"] = {}
+    tag_names: dict[str, list[str]] = {}
     with np.load(io.BytesIO(done.stdout), allow_pickle=False) as content:
         for key in content:
             key_kind, number, name = (*key.split(" ", 2), "", "")[:3]
-            if key_kind == "points":
+            if key == "tag_names":
+                tag_names = json.loads(str(content[key]))
+            elif key_kind == "points":
                 arrays_by_name["points"] = content[key]
             elif key_kind == "cells":
                 cells.append((name, content[key]))
@@ -90,7 +105,9 @@ def read(path: Path) -> Any:
         arrays_by_name["cell_data"][name] = [
             parts.get(k, np.zeros(len(block), dtype=np.int64)) for k, (_, block) in enumerate(cells)
         ]
-    return meshio.Mesh(arrays_by_name.pop("points"), cells, **arrays_by_name)
+    mesh = meshio.Mesh(arrays_by_name.pop("points"), cells, **arrays_by_name)
+    mesh.cell_tags = {int(tag): names for tag, names in tag_names.items()}
+    return mesh
 
 
 def _is_gmsh(path: Path) -> bool:

@@ -21,6 +21,7 @@ from .mend import Mended, Raw, mend
 _log = logging.getLogger("skfem_peridynamics")
 _PRINTING = threading.Lock()
 _LARGEST = 1e100  # of a coordinate: powers of it must stay numbers
+_BETTER = "as .msh (Gmsh 4.1), .vtu or .inp"
 _READING = 8  # bytes of memory a byte of a mesh file
 
 
@@ -86,13 +87,33 @@ def _by_meshio(path: Path) -> Raw:
             check_cells(content)
             return raw_mesh(content)
     except ModuleNotFoundError as error:
-        raise ValueError(
-            f'it keeps its numbers in HDF, which needs {error.name}: install the extra "xdmf", or write the file '
-            "with its numbers inline"
-        ) from None
+        raise ValueError(_missing_module(str(error.name))) from None
+    except TimeoutError as error:
+        raise ValueError(f"it cannot be read as a mesh: {error}") from None
     except (SystemExit, Exception) as error:  # whatever a reader of a foreign format may raise
-        reason = " ".join((said.getvalue() or str(error)).split())
-        raise ValueError(f"it cannot be read as a mesh: {reason}") from None
+        raise ValueError(f"it cannot be read as a mesh: {_reason(error, said.getvalue())}") from None
+
+
+def _missing_module(name: str) -> str:
+    """What to do for a reader that lacks a library."""
+    if name == "h5py":
+        return (
+            'it keeps its numbers in HDF, which needs h5py: install the extra "xdmf", or write the file with its '
+            "numbers inline"
+        )
+    return f"its reader needs {name}: pip install {name}, or export the mesh in another format, {_BETTER}"
+
+
+def _reason(error: BaseException, printed: str) -> str:
+    """A sentence of what a reader met: its own words where it has some, and what to do where it merely broke down."""
+    import meshio
+
+    words = " ".join((printed or str(error)).split())
+    if isinstance(error, meshio.ReadError | ValueError | SystemExit) and len(words.split()) > 3:
+        return words
+    kind = "" if isinstance(error, SystemExit) else f" with {type(error).__name__}"
+    stopped = f"its reader stopped{kind}{f' ({words[:200]})' if words else ''}"
+    return f"{stopped}, as none does in a sound file: export it again, {_BETTER}"
 
 
 def check_cells(content: Any) -> None:

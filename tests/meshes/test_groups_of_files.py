@@ -348,3 +348,44 @@ def test_true_reasons(tmp_path):
     (tmp_path / "b.vtu").write_text(count)
     with pytest.raises(ValueError, match="b.vtu'"):
         read_mesh(tmp_path / "b.vtu")
+
+
+# ---- other formats
+def test_families_of_med_have_names(tmp_path):
+    """A family is a number with several names; a name is that of several families."""
+    p, t = plate()
+    half = np.where(p[t].mean(axis=1)[:, 0] > 1.0, -2, -1)
+    mesh = meshio.Mesh(p[:, :2], [("triangle", t)], cell_data={"cell_tags": [half]})
+    mesh.cell_tags = {-1: ["soft", "all"], -2: ["stiff", "all"]}
+    mesh.write(tmp_path / "a.med")
+    mesh = read_mesh(tmp_path / "a.med")
+    assert {name: area(mesh, name) for name in mesh.subdomains} == pytest.approx(
+        {"soft": 1.0, "stiff": 1.0, "all": 2.0}
+    )
+
+
+@pytest.mark.parametrize(
+    "name", ["a.med", "a.xdmf", "a.off", "a.vtk", "a.mesh", "a.nas", "a.bdf", "a.ply", "a.stl", "a.e"]
+)
+def test_what_a_reader_breaks_down_with_becomes_a_sentence(name, tmp_path):
+    """Garbage, and the first half of a file: the file, what was met, what to do."""
+    for content in (b"", b"OFF\nnonsense\n", b"\x00\x01"):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(ValueError, match=name) as error:
+            read_mesh(tmp_path / name)
+        words = str(error.value)
+        assert len(words.split()) > 6, words
+        assert words.strip()[-1] not in ":(", words
+        assert "None" not in words.split(), words
+
+
+def test_a_reader_that_lacks_a_library_names_it(tmp_path, monkeypatch):
+    from skfem_peridynamics.meshes import guarded_reader
+
+    def missing(path):
+        raise ModuleNotFoundError("No module named 'netCDF4'", name="netCDF4")
+
+    monkeypatch.setattr(guarded_reader, "read", missing)
+    (tmp_path / "a.e").write_bytes(b"")
+    with pytest.raises(ValueError, match="a.e'.*its reader needs netCDF4: pip install netCDF4, or export"):
+        read_mesh(tmp_path / "a.e")
