@@ -608,3 +608,17 @@ def test_from_a_mesh_to_a_report_by_one_command(tmp_path, capsys):
     assert 0.2 < summary["largest_tip_speed"] / summary["elastic"]["rayleigh_speed"] < 1.0
     assert os.path.getsize(out / "report.html") < 3_000_000
     assert io.BytesIO(base64.b64decode(pictures[0]["src"].partition("base64,")[2])).getbuffer().nbytes > 20_000
+
+
+def test_keys_of_earlier_versions_are_read(torn, tmp_path):
+    """``dt`` and ``dt_limit`` were the step and its limits: the report of such a run says the same."""
+    shutil.copytree(torn[0], tmp_path / "old")
+    file = tmp_path / "old" / "summary.json"
+    summary = json.loads(file.read_text())
+    new = Results.read(torn[0]).summary
+    summary["dt"] = summary.pop("step")
+    summary["dt_limit"] = {name.removeprefix("by_"): step for name, step in summary.pop("step_limits").items()}
+    file.write_text(json.dumps(summary))
+    old = Results.read(tmp_path / "old").summary
+    assert (old["step"], old["step_limits"]) == (new["step"], new["step_limits"])
+    assert "dt" not in old

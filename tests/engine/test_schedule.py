@@ -127,3 +127,9 @@ def test_rays_that_keep_turning_are_finished_by_the_others(monkeypatch):
     for many in (10**9, 0):
         monkeypatch.setattr(rays, "_MANY", many)
         assert tracer.march(x, start, way, 5.0, np.array([0.5])).reach == pytest.approx([0.75, 0.75, 0.75 * 2**0.5])
+
+
+def test_only_those_are_waited_for_that_no_other_has_waited_for():
+    """Tasks that all touch one place run one after the other, each waiting for the one before it alone."""
+    schedule = Schedule.from_tasks(range(5), [np.array([0])] * 5, size=1)
+    assert [sorted(waited) for waited in schedule.waits] == [[], [0], [1], [2], [3]]

@@ -102,6 +102,19 @@ def test_instances_stand_where_they_are_put(tmp_path):
     assert np.ptp(mesh.p[0]) == pytest.approx(10.0)
 
 
+def test_a_rotation_in_space(tmp_path):
+    """Half a turn about the diagonal x = y, z = 1 takes (x, y, z) to (y, x, 2 - z)."""
+    corners = [(0, 0, 0), (2, 0, 0), (0, 1, 0), (0, 0, 3)]
+    nodes = "".join(f"{k + 1}, {x}, {y}, {z}\n" for k, (x, y, z) in enumerate(corners))
+    mesh = inp(
+        tmp_path,
+        f"*Part, name=P\n*Node\n{nodes}*Element, type=C3D4\n1, 1, 2, 3, 4\n*End Part\n*Assembly, name=A\n"
+        "*Instance, name=I, part=P\n0., 0., 0.\n0., 0., 1., 1., 1., 1., 180.\n*End Instance\n*End Assembly\n",
+    )
+    turned = sorted((float(y), float(x), 2.0 - z) for x, y, z in corners)
+    assert np.array(sorted(map(tuple, mesh.p.T.round(9).tolist()))) == pytest.approx(np.array(turned))
+
+
 def test_parts_keep_their_sets_apart(tmp_path):
     parts = "".join(
         f"*Part, name={name}\n*Node\n{NODES}*Element, type=CPS4, elset=E{name}\n{rows(*SQUARES)}*End Part\n"
