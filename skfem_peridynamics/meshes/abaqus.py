@@ -133,11 +133,16 @@ def _sections(path: Path, depth: int = 0) -> Iterator[Section]:
         if current is not None:
             yield current
         while text.endswith(","):  # a keyword line that goes on
-            text += next(lines, (0, ""))[1].strip()
+            more = next(lines, None)
+            if more is None:
+                raise ValueError(f"line {number}: the file ends in a keyword line that goes on")
+            text += more[1].strip()
         word, *options = (entry.strip() for entry in text[1:].split(","))
         parameters = {}
         for option in options:
             name, _, value = option.partition("=")
+            if name.strip().isdigit():
+                raise ValueError(f"line {number}: *{word} goes on into a row of numbers: its line ends in a comma")
             parameters[name.strip().upper()] = value.strip().strip('"')
         current = Section(" ".join(word.upper().split()), parameters, number)
         if current.keyword == "INCLUDE":
@@ -149,7 +154,9 @@ def _sections(path: Path, depth: int = 0) -> Iterator[Section]:
 
 def _numbers(text: str, line: int) -> list[float]:
     try:
-        return [float(entry.replace("D", "E").replace("d", "e")) for entry in text.split(",") if entry.strip()]
+        # an empty entry is 0, but for the comma that ends a line
+        entries = text.rstrip(", \t").split(",")
+        return [float(entry.replace("D", "E").replace("d", "e")) if entry.strip() else 0.0 for entry in entries]
     except ValueError as error:
         raise ValueError(f"below line {line}: {text[:60]!r} is not a row of numbers ({error})") from None
 

@@ -242,7 +242,8 @@ def _raw(file: File) -> Raw:
         for key, cells in _members(runs).items():
             group = file.names.get((_dimension(name), key), str(key))
             parts: list[Longs | None] = tags.setdefault(group, [None] * len(by_kind))
-            parts[place] = cells
+            before = parts[place]  # two groups may bear one name
+            parts[place] = cells if before is None else np.union1d(before, cells)
     declared = [(name, dim) for (dim, _), name in file.names.items()]
     return Raw(points, blocks, tags, {}, declared, _CURE)
 

@@ -54,7 +54,7 @@ def mended_mesh(path: Path, scale: float = 1.0, join: bool = False) -> Mended:
         )
     try:
         own = _own_reader(path)
-        raw = _by_meshio(path) if own is None else own(path)
+        raw = _by_meshio(path) if own is None else _by_own(own, path)
         _check_points(raw.points)
         raw = dataclasses.replace(raw, points=raw.points * scale)
         mended = mend(raw, join)
@@ -73,6 +73,14 @@ def _own_reader(path: Path) -> Callable[[Path], Raw] | None:
     if path.suffix.lower() == ".inp":
         return read_abaqus
     return read_gmsh if version_of(path) in VERSIONS else None
+
+
+def _by_own(reader: Callable[[Path], Raw], path: Path) -> Raw:
+    """What a reader of ours delivers; what it stumbles over in a damaged file is a sentence, too."""
+    try:
+        return reader(path)
+    except (ArithmeticError, LookupError, MemoryError, TypeError) as error:
+        raise ValueError(f"it cannot be read as a mesh: {_reason(error, '')}") from None
 
 
 def _by_meshio(path: Path) -> Raw:

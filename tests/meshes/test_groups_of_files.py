@@ -167,12 +167,20 @@ def test_surfaces_of_solids(tmp_path):
         ("*Surface, name=S\n1, SPOS\n", "*SURFACE S has the face 'SPOS'"),
         ("*Include, input=nothing.inp\n", "nothing.inp', which is not a file"),
         ("*Node\n7, x, 0.\n", "is not a row of numbers"),
+        ("*Elset, elset=S,", "the file ends in a keyword line that goes on"),
+        ("*Elset, elset=S,\n1\n2\n", "goes on into a row of numbers"),
+        ("*Element, type=CPS4\n9, 1, 2, 3, 1e999\n", "its reader stopped with OverflowError"),
     ],
 )
 def test_what_is_not_understood_is_named(text, words, tmp_path):
     with pytest.raises(ValueError, match=re.escape(words)) as error:
         inp(tmp_path, f"*Node\n{NODES}*Element, type=CPS4\n{rows(*SQUARES)}{text}")
     assert "a.inp" in str(error.value)
+
+
+def test_an_empty_entry_is_zero(tmp_path):
+    mesh = inp(tmp_path, "*Node\n1, , 1.\n2, 2., 0.,\n3, 1., 1.\n*Element, type=CPS3\n1, 1, 2, 3\n")
+    assert [0.0, 1.0] in mesh.p.T.tolist()
 
 
 def test_files_that_include_each_other(tmp_path):
@@ -250,6 +258,11 @@ def test_an_entity_in_several_groups_and_groups_without_a_name(tmp_path):
     assert side(mesh, "edge") == [[0.0, 0.5]]
     assert sorted(side(mesh, "9")) == [[0.0, 0.5], [0.5, 0.0]]
     assert list(mesh.subdomains) == ["3"]
+
+
+def test_two_groups_of_one_name(tmp_path):
+    mesh = gmsh(tmp_path, '2\n1 1 "edge"\n1 2 "edge"', left="1 1", right="1 2")
+    assert sorted(side(mesh, "edge")) == [[0.0, 0.5], [1.0, 0.5]]
 
 
 def test_one_name_for_a_boundary_and_a_region(tmp_path):
