@@ -216,6 +216,7 @@ def test_j_where_it_has_no_meaning():
         j_integral(square, np.zeros(square.basis.N), [0.5, 0.5], [1, 0], 0.4)
 
 
+@pytest.mark.slow
 # ---- stress
 @pytest.mark.parametrize("dim", [1, 2, 3])
 @pytest.mark.parametrize("kind", [PairRule, BallRule])

@@ -221,6 +221,7 @@ def test_objective_against_difference_quotients(rule):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["blocks", "amg", "direct"])
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_preconditioners_are_symmetric_positive_and_near_the_inverse(kind, dim):

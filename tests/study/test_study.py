@@ -212,6 +212,7 @@ def test_names_of_schemes():
     assert Discretisation(BallRule(), mass="lumped").kind == "lumped"
 
 
+@pytest.mark.slow
 # ---- the command
 def test_the_command_writes_a_study(tmp_path, capsys):
     assert main(["study", "waves-1d", "--quick", "--out", str(tmp_path / "out")]) == 0
