@@ -15,11 +15,11 @@ import skfem_peridynamics as peri
 
 
 @skfem.BilinearForm
-def diffusion(u1, u2, v1, v2, w):  # type: ignore[no-untyped-def]
+def diffusion(u1, u2, v1, v2, w):
     return 4.0 / (np.pi * w.eps**4) * (u2 - u1) * (v2 - v1)
 
 
-def solve(horizon: float, per_horizon: int, exact, source) -> tuple[float, int]:  # type: ignore[no-untyped-def]
+def solve(horizon: float, per_horizon: int, exact, source) -> tuple[float, int]:
     """Return the largest error at the vertices, and the number of bonds."""
     axis = np.linspace(0, 1, round(per_horizon / horizon) + 1)
     basis = skfem.Basis(skfem.MeshTri.init_tensor(axis, axis), skfem.ElementTriP1())
@@ -36,7 +36,7 @@ def main(per_horizon: int = 4) -> dict[str, float]:
     begin = time.perf_counter()
     quadratic, bonds = solve(0.2, per_horizon, lambda x: x[0] ** 2, lambda x: -2.0 + 0.0 * x[0])
 
-    def sine(x):  # type: ignore[no-untyped-def]
+    def sine(x):
         return np.sin(2.0 * x[0]) * np.sin(2.0 * x[1])
 
     local = [solve(horizon, per_horizon, sine, lambda x: 8.0 * sine(x))[0] for horizon in (0.2, 0.1)]
