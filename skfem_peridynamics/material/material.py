@@ -53,6 +53,16 @@ def state(dim: int, plane: str | None) -> tuple[float, float | None]:
     return _STATES[dim, plane]
 
 
+def _check_poisson(poisson: float, nu: float | None) -> None:
+    """Raise ``ValueError`` for another ratio than the one that a bond-based law has in its state, None in 1D."""
+    if nu is None or abs(poisson - nu) > 1e-6:
+        can = "none in 1D" if nu is None else f"{nu:.6g} in this state"
+        raise ValueError(
+            f"poisson = {poisson}: a bond-based law has one elastic constant (lambda = mu), hence one Poisson ratio, "
+            f"{can}; leave poisson out or choose another model"
+        )
+
+
 @dataclass(frozen=True)
 class Elastic:
     """The macroscopic constants of a law; units follow from the input.
@@ -234,13 +244,8 @@ class Material:
             raise ValueError(f"convention = {self.convention!r} must be one of {', '.join(FACTOR)}")
         if self.calibrate not in ("continuum", "discrete"):
             raise ValueError(f'calibrate = {self.calibrate!r} must be "continuum" or "discrete"')
-        ratios = {"stress": 1.0 / 3.0, "strain": 0.25, None: 0.25}
-        if self.poisson is not None and abs(self.poisson - ratios[self.plane]) > 1e-6:
-            state_of = f'plane = "{self.plane}"' if self.plane else "3D, none in 1D"
-            raise ValueError(
-                f"poisson = {self.poisson}: a bond-based law has one elastic constant (lambda = mu), hence one Poisson "
-                f"ratio, {ratios[self.plane]:.6g} in {state_of}; leave poisson out or choose another model"
-            )
+        if self.poisson is not None:  # without a plane state it may be a body in 3D; 1D is refused by the law
+            _check_poisson(self.poisson, state(2 if self.plane else 3, self.plane)[1])
         if self.compression not in COMPRESSION:
             raise ValueError(f"compression = {self.compression!r} must be one of {', '.join(COMPRESSION)}")
 
@@ -295,12 +300,8 @@ class Material:
         """
         crack_moment = moment if crack_moment is None else crack_moment
         ratio, nu = state(dim, self.plane)
-        if self.poisson is not None and (nu is None or abs(self.poisson - nu) > 1e-6):
-            can = "none in 1D" if nu is None else f"{nu:.6g} in this state"
-            raise ValueError(
-                f"poisson = {self.poisson}: a bond-based law has one elastic constant (lambda = mu), hence one "
-                f"Poisson ratio, {can}; leave poisson out or choose another model"
-            )
+        if self.poisson is not None:
+            _check_poisson(self.poisson, nu)
         lame = self.lame if self.lame is not None else ratio * float(self.young or 0.0)
         slope = lame / (FACTOR[self.convention][dim] * moment)
         toughness = self.toughness
