@@ -6,60 +6,50 @@ of sets, and parts that are placed more than once. What is not understood of a m
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from .._types import Floats, Longs
+from .abaqus_sets import Cells, Listed, Numbered, Scope, Unread, add_set, corners_of
+from .abaqus_text import Section, numbers_of, rows_of, sections
+from .entries import once, whole
 from .mend import Raw
 
 # keywords that make nodes or elements which do not stand in the file, or that move those that do
 _GENERATED = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM", "TRANSFORM", "SUBMODEL", "MATRIX ASSEMBLE")
-_DEEPEST = 8  # of files that include each other
-# corners of the faces S1, S2, ... of an element, by its shape
-_FACES: Mapping[str, tuple[tuple[int, ...], ...]] = {
-    "triangle": ((0, 1), (1, 2), (2, 0)),
-    "quad": ((0, 1), (1, 2), (2, 3), (3, 0)),
-    "tetra": ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
-    "wedge": ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
-    "hexahedron": ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
-}
+# elements by the family of their type and its first number: how many nodes, and the kind
+_PLANE = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}
+_SOLID = {4: "tetra", 6: "wedge", 8: "hexahedron", 10: "tetra10", 15: "wedge15", 20: "hexahedron20", 27: "hexahedron27"}
+_FAMILIES: Sequence[tuple[str, Mapping[int, str]]] = (
+    (r"(?:CPS|CPEG?|CAX|CGAX|DC2D|AC2D|DCAX|D?S|STRI|M3D|SFM3D|R3D)(\d)", _PLANE),
+    (r"(?:C3D|DC3D|AC3D|SC|CSS)(\d+)", _SOLID),
+    (r"(?:T[23]D|R2D)([23])", {2: "line", 3: "line3"}),
+    (r"B[23](\d)", {1: "line", 2: "line3", 3: "line"}),
+)
 _FACET = {2: "line", 3: "triangle", 4: "quad"}
 
 
 @dataclass
-class Section:
-    """A keyword with its parameters, its data lines and where it stands."""
-
-    keyword: str
-    parameters: dict[str, str]
-    line: int
-    data: list[str] = field(default_factory=list)
-
-    def __getitem__(self, name: str) -> str:
-        """Return a parameter that must be there."""
-        if not self.parameters.get(name):
-            raise ValueError(f"line {self.line}: *{self.keyword} has no {name}=")
-        return self.parameters[name]
-
-    def fields(self) -> list[str]:
-        """Return the entries of all data lines, without quotes and without empty ones at the ends of lines."""
-        entries = (entry.strip().strip('"') for line in self.data for entry in line.split(","))
-        return [entry for entry in entries if entry]
-
-
-@dataclass
 class Part:
-    """Nodes and elements by their numbers, sets by their names (in capitals), as one part of a file has them."""
+    """What stands in a part: nodes (numbers, coordinates), elements (type, numbers, nodes), sets in their order."""
 
-    nodes: dict[int, list[float]] = field(default_factory=dict)
-    elements: dict[int, tuple[str, list[int]]] = field(default_factory=dict)
-    node_sets: dict[str, list[int]] = field(default_factory=dict)
-    element_sets: dict[str, list[int]] = field(default_factory=dict)
-    surfaces: dict[str, list[tuple[int, int]]] = field(default_factory=dict)  # element, face
-    hidden: set[str] = field(default_factory=set)
+    name: str = ""
+    nodes: list[tuple[Longs, Floats]] = field(default_factory=list)
+    elements: list[tuple[str, Longs, Longs]] = field(default_factory=list)
+    sets: list[Section | Listed] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Instance:
+    """A part in one of its places."""
+
+    name: str
+    part: str
+    place: Section | None = None
 
 
 def read_abaqus(path: Path) -> Raw:
@@ -67,19 +57,21 @@ def read_abaqus(path: Path) -> Raw:
     names: dict[str, str] = {}  # as the file spells them first
     parts: dict[str, Part] = {}
     assembly, free = Part(), Part()
-    here, instance, placed = free, None, list[tuple[str, str, list[str], int]]()
-    scoped: list[tuple[Section, Part]] = []
-    for section in _sections(path):
+    here, instance, placed = free, None, list[Instance]()
+    for section in sections(path):
         word = section.keyword
         if word == "PART":
-            here = parts.setdefault(_key(section["NAME"], names), Part())
+            key = _key(section["NAME"], names)
+            if key in parts:
+                raise ValueError(f"line {section.line}: there are two parts of the name {section['NAME'][:60]}")
+            here = parts[key] = Part(key)
         elif word in ("END PART", "END ASSEMBLY"):
             here = free
         elif word == "ASSEMBLY":
             here = assembly
         elif word == "INSTANCE":
             instance = section
-            placed.append((section["NAME"], _key(section["PART"], names), section.data, section.line))
+            placed.append(Instance(_key(section["NAME"], names), _key(section["PART"], names), section))
         elif word == "END INSTANCE":
             instance = None
         elif word in _GENERATED or (word == "NODE" and "SYSTEM" in section.parameters):
@@ -92,19 +84,21 @@ def read_abaqus(path: Path) -> Raw:
         elif word == "NODE":
             _read_nodes(section, here, names)
         elif word == "ELEMENT":
+            if here is assembly:
+                raise ValueError(
+                    f"line {section.line}: *ELEMENT in the assembly is not read: elements belong into parts"
+                )
             _read_elements(section, here, names)
         elif word in ("NSET", "ELSET", "SURFACE"):
-            scoped.append((section, here))
-    if parts and free.nodes:
-        raise ValueError("it has nodes outside its parts as well: give all of them a part, or none")
+            _key(section["NAME" if word == "SURFACE" else word], names)
+            here.sets.append(section)
+    if parts and (free.nodes or free.elements or free.sets):
+        raise ValueError("it has nodes, elements or sets outside its parts as well: give all of them a part, or none")
     if not parts:
-        parts, placed = {"": free}, [("", "", [], 0)]
+        parts, placed = {"": free}, [Instance("", "")]
     elif not placed:
-        placed = [(name, name, [], 0) for name in parts]
-    for section, part in scoped:  # a set may name sets that come later
-        if "INSTANCE" not in section.parameters and part is not assembly:
-            _read_set(section, part, part, names)
-    return _assembled(parts, placed, assembly, scoped, names)
+        placed = [Instance(name, name) for name in parts]
+    return _assembled(parts, placed, assembly, names)
 
 
 def _key(name: str, names: dict[str, str]) -> str:
@@ -113,167 +107,81 @@ def _key(name: str, names: dict[str, str]) -> str:
     return name.upper()
 
 
-def _sections(path: Path, depth: int = 0) -> Iterator[Section]:
-    """Yield the keywords of a file and of those it includes."""
-    if not path.is_file():
-        raise ValueError(f"it includes {str(path)!r}, which is not a file")
-    if depth > _DEEPEST:
-        raise ValueError(f"it includes files more than {_DEEPEST} deep, the last is {str(path)!r}")
-    current: Section | None = None
-    lines = iter(enumerate(path.read_text(errors="replace").splitlines(), 1))
-    for number, line in lines:
-        text = line.strip()
-        if not text or text.startswith("**"):
-            continue
-        if not text.startswith("*"):
-            if current is None:
-                raise ValueError(f"line {number} stands before the first keyword")
-            current.data.append(text)
-            continue
-        if current is not None:
-            yield current
-        while text.endswith(","):  # a keyword line that goes on
-            more = next(lines, None)
-            if more is None:
-                raise ValueError(f"line {number}: the file ends in a keyword line that goes on")
-            text += more[1].strip()
-        word, *options = (entry.strip() for entry in text[1:].split(","))
-        parameters = {}
-        for option in options:
-            name, _, value = option.partition("=")
-            if name.strip().isdigit():
-                raise ValueError(f"line {number}: *{word} goes on into a row of numbers: its line ends in a comma")
-            parameters[name.strip().upper()] = value.strip().strip('"')
-        current = Section(" ".join(word.upper().split()), parameters, number)
-        if current.keyword == "INCLUDE":
-            yield from _sections(path.parent / current["INPUT"], depth + 1)
-            current = None
-    if current is not None:
-        yield current
-
-
-def _numbers(text: str, line: int) -> list[float]:
-    try:
-        # an empty entry is 0, but for the comma that ends a line
-        entries = text.rstrip(", \t").split(",")
-        return [float(entry.replace("D", "E").replace("d", "e")) if entry.strip() else 0.0 for entry in entries]
-    except ValueError as error:
-        raise ValueError(f"below line {line}: {text[:60]!r} is not a row of numbers ({error})") from None
-
-
 def _read_nodes(section: Section, part: Part, names: dict[str, str]) -> None:
-    listed = []
-    for text in section.data:
-        number, *x = _numbers(text, section.line)
-        if not 1 <= len(x) <= 6:
-            raise ValueError(f"below line {section.line}: node {number:g} has {len(x)} coordinates")
-        part.nodes[int(number)] = [*x[:3], 0.0, 0.0][:3]
-        listed.append(int(number))
+    section.only("NSET", "INPUT")
+    rows = rows_of(section)
+    for row in rows:
+        if not 2 <= len(row) <= 7:
+            raise ValueError(f"below line {section.line}: node {row[0]:g} has {len(row) - 1} coordinates")
+    numbers = whole([row[0] for row in rows], f"below line {section.line}: ")
+    x = np.array([[*row[1:4], 0.0, 0.0][:3] for row in rows]).reshape(-1, 3)
+    part.nodes.append((numbers, x))
     if section.parameters.get("NSET"):
-        part.node_sets.setdefault(_key(section.parameters["NSET"], names), []).extend(listed)
+        part.sets.append(Listed("NSET", _key(section.parameters["NSET"], names), numbers))
+
+
+def kind_of_type(name: str) -> str | None:
+    """Return the kind of a type of element by its name in meshio; None of one that is not known.
+
+    >>> kind_of_type("CPE4R"), kind_of_type("C3D10M"), kind_of_type("STRI65"), kind_of_type("SPRINGA")
+    ('quad', 'tetra10', 'triangle6', None)
+    """
+    for pattern, kinds in _FAMILIES:
+        found = re.match(pattern, name.upper())
+        if found:
+            return kinds.get(int(found[1]))
+    return None
 
 
 def _read_elements(section: Section, part: Part, names: dict[str, str]) -> None:
     from meshio._mesh import num_nodes_per_cell
-    from meshio.abaqus._abaqus import abaqus_to_meshio_type
 
-    kind = abaqus_to_meshio_type.get(section["TYPE"].upper())
+    section.only("TYPE", "ELSET", "INPUT")
+    kind = kind_of_type(section["TYPE"])
     if kind is None:
         raise ValueError(
             f"line {section.line}: elements of type {section['TYPE']} are not known: lines, triangles, quadrilaterals, "
             "tetrahedra, wedges and hexahedra are"
         )
-    size = 1 + num_nodes_per_cell[kind]
-    entries = [int(number) for text in section.data for number in _numbers(text, section.line)]
-    if len(entries) % size:
-        raise ValueError(f"below line {section.line}: elements of type {section['TYPE']} have {size - 1} nodes each")
-    listed = []
-    for k in range(0, len(entries), size):
-        part.elements[entries[k]] = kind, entries[k + 1 : k + size]
-        listed.append(entries[k])
-    if section.parameters.get("ELSET"):
-        part.element_sets.setdefault(_key(section.parameters["ELSET"], names), []).extend(listed)
-
-
-def _read_set(section: Section, into: Part, of: Part, names: dict[str, str]) -> None:
-    """Put a set or a surface of the nodes and elements ``of`` a part into it (or into the assembly)."""
-    if section.keyword == "SURFACE":
-        _read_surface(section, into, of, names)
-        return
-    of_nodes = section.keyword == "NSET"
-    name = _key(section["NSET" if of_nodes else "ELSET"], names)
-    known, sets = (of.nodes, of.node_sets) if of_nodes else (of.elements, of.element_sets)
-    members = _members(section, known, sets)
-    if of_nodes and section.parameters.get("ELSET"):
-        chosen = of.element_sets.get(section.parameters["ELSET"].upper(), [])
-        members += [node for number in chosen for node in of.elements[number][1]]
-    (into.node_sets if of_nodes else into.element_sets).setdefault(name, []).extend(members)
-    if "INTERNAL" in section.parameters:
-        into.hidden.add(name)
-
-
-def _members(section: Section, known: Mapping[int, object], sets: Mapping[str, list[int]]) -> list[int]:
-    """The numbers that a set lists, generates or takes from other sets."""
-    fields = section.fields()
-    if "GENERATE" in section.parameters:
-        out: list[int] = []
-        for text in section.data:
-            first, last, step = (int(x) for x in (*_numbers(text, section.line), 1.0)[:3])
-            if step < 1 or (last - first) // step >= len(known):
-                raise ValueError(
-                    f"below line {section.line}: {text[:60]!r} generates numbers that the file does not have"
-                )
-            out += range(first, last + 1, step)
-    else:
-        out = []
-        for entry in fields:
-            if entry.lstrip("+-").isdigit():
-                out.append(int(entry))
-            elif entry.upper() in sets:
-                out += sets[entry.upper()]
-            else:
-                raise ValueError(
-                    f"line {section.line}: *{section.keyword} lists {entry[:60]!r}, which is neither a number nor a "
-                    "set that stands before it"
-                )
-    missing = [number for number in out if number not in known]
-    if missing:
+    size = 1 + int(num_nodes_per_cell[kind])
+    rows: list[list[float]] = []
+    open_row: list[float] = []
+    for row in rows_of(section):  # an element may take several lines, and the next one starts on its own
+        open_row += row
+        if len(open_row) == size:
+            rows.append(open_row)
+            open_row = []
+        elif len(open_row) > size:
+            break
+    if open_row:
         raise ValueError(
-            f"line {section.line}: *{section.keyword} lists {missing[0]}, and the file has none of that number"
+            f"below line {section.line}: elements of type {section['TYPE']} have {size - 1} nodes each, and element "
+            f"{open_row[0]:g} has {len(open_row) - 1}"
         )
-    return out
+    table = whole(np.array(rows).reshape(-1, size), f"below line {section.line}: ")
+    part.elements.append((section["TYPE"].upper(), table[:, 0], table[:, 1:]))
+    if section.parameters.get("ELSET"):
+        part.sets.append(Listed("ELSET", _key(section.parameters["ELSET"], names), table[:, 0]))
 
 
-def _read_surface(section: Section, into: Part, of: Part, names: dict[str, str]) -> None:
-    name = _key(section["NAME"], names)
-    if section.parameters.get("TYPE", "ELEMENT").upper() == "NODE":
-        members = _members(
-            Section("NSET", {}, section.line, [row.split(",")[0] for row in section.data]), of.nodes, of.node_sets
-        )
-        into.node_sets.setdefault(name, []).extend(members)
-        return
-    faces = into.surfaces.setdefault(name, [])
-    for row in section.data:
-        entry, _, face = (part.strip() for part in row.partition(","))
-        if face.upper() not in {f"S{k}" for k in range(1, 7)}:
-            raise ValueError(
-                f"below line {section.line}: *SURFACE {section['NAME']} has the face {face[:60]!r}: faces S1 to S6 of "
-                "elements are read"
-            )
-        members = _members(Section("ELSET", {}, section.line, [entry]), of.elements, of.element_sets)
-        faces += [(number, int(face[1:]) - 1) for number in members]
-
-
-def _place(data: Sequence[str], points: Floats, line: int) -> Floats:
+def _place(instance: Instance, points: Floats) -> Floats:
     """Points where an instance puts them: a translation, then a rotation about an axis through two points."""
-    rows = [_numbers(text, line) for text in data]
+    if instance.place is None:
+        return points
+    line = instance.place.line
+    rows = [numbers_of(text, line) for text in instance.place.data]
+    if len(rows) > 2:
+        raise ValueError(f"below line {line}: an instance has a translation and a rotation, two rows of numbers")
     if rows:
         points = points + np.array([*rows[0][:3], 0.0, 0.0, 0.0][:3])
     if len(rows) > 1:
         if len(rows[1]) != 7:
             raise ValueError(f"below line {line}: a rotation has two points and an angle, seven numbers")
         a, b = np.array(rows[1][:3]), np.array(rows[1][3:6])
-        angle, axis = np.radians(rows[1][6]), (b - a) / np.linalg.norm(b - a)
+        length = float(np.linalg.norm(b - a))
+        if not 0.0 < length < np.inf:
+            raise ValueError(f"below line {line}: a rotation has two different points on its axis, not {rows[1][:6]}")
+        angle, axis = np.radians(rows[1][6]), (b - a) / length
         x = points - a
         # Rodrigues: x cos + (axis x x) sin + axis (axis.x) (1 - cos)
         turned = x * np.cos(angle) + np.cross(axis, x) * np.sin(angle)
@@ -281,96 +189,139 @@ def _place(data: Sequence[str], points: Floats, line: int) -> Floats:
     return points
 
 
-def _assembled(
-    parts: Mapping[str, Part],
-    placed: Sequence[tuple[str, str, list[str], int]],
-    assembly: Part,
-    scoped: Sequence[tuple[Section, Part]],
-    names: dict[str, str],
-) -> Raw:
-    """Put all instances together: one list of points, blocks by kind of element, groups by name."""
+def _assembled(parts: Mapping[str, Part], placed: Sequence[Instance], assembly: Part, names: Mapping[str, str]) -> Raw:
+    """Put all instances together: one list of points, blocks of elements, groups by name."""
     points: list[Floats] = []
-    blocks: dict[str, list[list[int]]] = {}
-    tags: dict[str, dict[str, list[int]]] = {}
-    points_of: dict[str, list[int]] = {}
-    by_instance: dict[str, tuple[Part, dict[int, int], dict[int, tuple[str, int]]]] = {}
-    first = 0
-    for name, part_name, data, line in placed:
-        if part_name not in parts:
+    scopes: dict[str, Scope] = {}
+    blocks: list[tuple[str, str, Longs]] = []
+    count = 0
+    for instance in placed:
+        if instance.part not in parts:
+            line = f"line {instance.place.line}: " if instance.place else ""
             raise ValueError(
-                f"line {line}: *INSTANCE {name} is of the part {part_name!r}, which the file does not have"
+                f"{line}*INSTANCE {names[instance.name]} is of the part {names[instance.part]!r}, "
+                "which the file does not have"
             )
-        part = parts[part_name]
-        numbers = {node: first + k for k, node in enumerate(part.nodes)}
-        points.append(_place(data, np.array(list(part.nodes.values())).reshape(-1, 3), line))
-        first += len(numbers)
-        cells: dict[int, tuple[str, int]] = {}
-        for number, (kind, nodes) in part.elements.items():
-            if any(node not in numbers for node in nodes):
-                raise ValueError(f"element {number} has a node that the file does not have")
-            block = blocks.setdefault(kind, [])
-            cells[number] = kind, len(block)
-            block.append([numbers[node] for node in nodes])
-        by_instance[name.upper()] = part, numbers, cells
-        _collect(part, numbers, cells, blocks, tags, points_of)
-    for section, part in scoped:
-        if part is not assembly:
-            continue
-        # sets of the assembly: of one instance, or made of other sets of the assembly
-        of, numbers, cells = by_instance.get(section.parameters.get("INSTANCE", "").upper(), (assembly, {}, {}))
-        into = Part()
-        _read_set(section, into, of, names)
-        assembly.hidden |= into.hidden
-        _collect(into, numbers, cells, blocks, tags, points_of, of)
-        for sets, own in ((assembly.node_sets, into.node_sets), (assembly.element_sets, into.element_sets)):
-            for key, members in own.items():
-                sets.setdefault(key, []).extend(members)
-    hidden = assembly.hidden.union(*(part.hidden for part in parts.values()))
-    order = list(blocks)
-    return Raw(
-        np.concatenate(points) if points else np.zeros((0, 3)),
-        [(kind.partition(" ")[0], np.array(blocks[kind], dtype=np.int64)) for kind in order],
-        {
-            names.get(key, key): [_unique(of_kind.get(kind)) for kind in order]
-            for key, of_kind in tags.items()
-            if key not in hidden
-        },
-        {
-            names.get(key, key): np.unique(np.array(members, dtype=np.int64))
-            for key, members in points_of.items()
-            if key not in hidden
-        },
+        if instance.name in scopes:
+            raise ValueError(f"there are two instances of the name {names[instance.name]}")
+        nodes, x = _nodes_of(parts[instance.part], len(points) and sum(map(len, points)))
+        points.append(_place(instance, x))
+        elements = _elements_of(parts[instance.part], nodes, blocks, count)
+        count += len(elements.numbers)
+        scopes[instance.name] = Scope(nodes, elements)
+    nodes, x = _nodes_of(assembly, sum(map(len, points)))
+    points.append(x)
+    whole_body = Scope(nodes)
+    sizes = [len(rows) for _, _, rows in blocks]
+    cells = Cells(
+        blocks,
+        np.repeat(np.arange(len(blocks)), sizes),
+        np.concatenate([np.zeros(0, dtype=np.int64), *(np.arange(size) for size in sizes)]),
     )
+    notes: list[str] = []
+    unread: list[str] = []
+    sources = [(instance.name, instance.part, scopes[instance.name], parts[instance.part].sets) for instance in placed]
+    for _, _, scope, listed in [*sources, ("", "", whole_body, assembly.sets)]:
+        for section in sorted(listed, key=lambda one: isinstance(one, Section)):  # names in passing come first
+            try:
+                add_set(section, scope, scopes, cells)
+            except Unread as reason:
+                assert isinstance(section, Section)
+                unread.append(section["NAME"])
+                notes.append(f"line {section.line}: *SURFACE {section['NAME']} {reason}; it was left out")
+    left = [name for name in parts if name not in {instance.part for instance in placed}]
+    if left:
+        notes.append(f"parts that no instance places were left out: {', '.join(names[name] for name in left)}")
+    if any(block[0].startswith(("CAX", "CGAX", "DCAX")) for block in blocks):
+        notes.append("its elements are axisymmetric there, and plane here")
+    return _groups(cells, np.concatenate(points), sources, whole_body, names, notes, unread)
 
 
-def _unique(cells: list[int] | None) -> Longs | None:
-    return None if cells is None else np.unique(np.array(cells, dtype=np.int64))
+def _nodes_of(part: Part, first: int) -> tuple[Numbered, Floats]:
+    """The nodes of a part, numbered in the body from a first place on."""
+    numbers = np.concatenate([np.zeros(0, dtype=np.int64), *(numbers for numbers, _ in part.nodes)])
+    x = np.concatenate([np.zeros((0, 3)), *(x for _, x in part.nodes)])
+    chosen = once(numbers, x, "node")
+    # in the order of the file
+    places = np.empty(len(chosen), dtype=np.int64)
+    places[np.argsort(chosen)] = first + np.arange(len(chosen))
+    return Numbered(numbers[chosen], places), x[np.sort(chosen)]
 
 
-def _collect(
-    part: Part,
-    numbers: Mapping[int, int],
-    cells: Mapping[int, tuple[str, int]],
-    blocks: dict[str, list[list[int]]],
-    tags: dict[str, dict[str, list[int]]],
-    points_of: dict[str, list[int]],
-    of: Part | None = None,
-) -> None:
-    """Add the sets and surfaces of a part, as one instance numbers its nodes and elements."""
-    for key, members in part.node_sets.items():
-        points_of.setdefault(key, []).extend(numbers[node] for node in members)
-    for key, members in part.element_sets.items():
-        for number in members:
-            kind, cell = cells[number]
-            tags.setdefault(key, {}).setdefault(kind, []).append(cell)
-    for key, faces in part.surfaces.items():
-        for number, face in faces:
-            kind, nodes = (of or part).elements[number]
-            shape = kind.rstrip("0123456789")
-            if shape not in _FACES or face >= len(_FACES[shape]):
-                raise ValueError(f"surface {key}: an element {kind} has no face S{face + 1}")
-            corners = [numbers[nodes[k]] for k in _FACES[shape][face]]
-            facet = f"{_FACET[len(corners)]} of surfaces"
-            block = blocks.setdefault(facet, [])
-            tags.setdefault(key, {}).setdefault(facet, []).append(len(block))
-            block.append(corners)
+def _elements_of(part: Part, nodes: Numbered, blocks: list[tuple[str, str, Longs]], first: int) -> Numbered:
+    """Add the elements of a part to the blocks of the body, and return their numbers."""
+    numbers = np.concatenate([np.zeros(0, dtype=np.int64), *(numbers for _, numbers, _ in part.elements)])
+    width = max((rows.shape[1] for *_, rows in part.elements), default=0)
+    padded = [np.pad(rows, ((0, 0), (0, width - rows.shape[1]))) for *_, rows in part.elements]
+    chosen = np.sort(once(numbers, np.concatenate([np.zeros((0, width), dtype=np.int64), *padded]), "element"))
+    start = 0
+    for name, own, rows in part.elements:
+        mine = chosen[(chosen >= start) & (chosen < start + len(own))] - start
+        start += len(own)
+        places, missing = nodes.find(rows[mine].ravel())
+        if len(missing):
+            bad = own[mine][np.isin(rows[mine], missing).any(axis=1)][0]
+            raise ValueError(f"element {bad} has a node that the file does not have: {missing[0]}")
+        kind = kind_of_type(name)
+        assert kind is not None  # as it was read
+        blocks.append((name, kind, places.reshape(rows[mine].shape)))
+    order = np.argsort(numbers[chosen], kind="stable")
+    return Numbered(numbers[chosen][order], first + order)
+
+
+def _groups(
+    cells: Cells,
+    points: Floats,
+    sources: Sequence[tuple[str, str, Scope, object]],
+    assembly: Scope,
+    names: Mapping[str, str],
+    notes: list[str],
+    unread: Sequence[str],
+) -> Raw:
+    """The body with its groups by name; sets of one name in several parts have the name of their instance before it."""
+    blocks = [(kind, rows) for _, kind, rows in cells.blocks]
+    tags: dict[str, list[Longs | None]] = {name: [] for name in unread}
+    points_of: dict[str, Longs] = {}
+    for kind in ("ELSET", "NSET", "SURFACE"):
+        found: dict[str, list[tuple[str, str, Longs]]] = {}  # owner, instance, members
+        for instance, part, scope, _ in [*sources, ("", "the assembly", assembly, None)]:
+            sets = scope.surfaces if kind == "SURFACE" else scope.sets(kind)
+            for key, members in sets.items():
+                if (kind, key) not in scope.hidden:
+                    found.setdefault(key, []).append((part, instance, members))
+        for key, listed in found.items():
+            own = names.get(key, key)
+            apart = len({part for part, _, _ in listed}) > 1
+            if apart:
+                notes.append(
+                    f"{own!r} is a *{kind} of several parts: it is called "
+                    + ", ".join(repr(f"{names[i]}.{own}" if i else own) for _, i, _ in listed)
+                )
+            for _, instance, members in listed:
+                name = f"{names[instance]}.{own}" if apart and instance else own
+                if kind == "NSET":
+                    points_of[name] = np.union1d(points_of.get(name, members), members)
+                elif kind == "ELSET":
+                    _tag(tags.setdefault(name, []), cells, members)
+                else:
+                    _add_facets(tags.setdefault(name, []), blocks, cells, members)
+    return Raw(points, blocks, tags, points_of, notes=notes)
+
+
+def _tag(of_blocks: list[Longs | None], cells: Cells, members: Longs) -> None:
+    """Add elements to a group."""
+    for block, rows in cells.by_block(members):
+        of_blocks += [None] * (block + 1 - len(of_blocks))
+        before = of_blocks[block]
+        of_blocks[block] = rows if before is None else np.union1d(before, rows)
+
+
+def _add_facets(of_blocks: list[Longs | None], blocks: list[tuple[str, Longs]], cells: Cells, members: Longs) -> None:
+    """Add faces of elements to the blocks, and to a group."""
+    for face in np.unique(members[:, 1]).tolist():
+        for block, rows in cells.by_block(members[members[:, 1] == face, 0]):
+            _, kind, nodes = cells.blocks[block]
+            corners = corners_of(kind, face)
+            blocks.append((_FACET[len(corners)], nodes[rows][:, corners]))
+            of_blocks += [None] * (len(blocks) - 1 - len(of_blocks))
+            of_blocks.append(np.arange(len(rows)))

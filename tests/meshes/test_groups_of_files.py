@@ -164,18 +164,151 @@ def test_surfaces_of_solids(tmp_path):
         ("*Element, type=SPRING9\n9, 1, 2\n", "elements of type SPRING9 are not known"),
         ("*Element, type=CPS4\n9, 1, 2\n", "elements of type CPS4 have 4 nodes each"),
         ("*Element, type=CPS4\n9, 1, 2, 3, 77\n", "element 9 has a node that the file does not have"),
-        ("*Surface, name=S\n1, SPOS\n", "*SURFACE S has the face 'SPOS'"),
+        ("*Element, type=CPS4\n9, 1, 2, 7, 6, 3\n", "have 4 nodes each, and element 9 has 5"),
+        ("*Element, type=B31\n9, 1, 2, 3\n10, 1, 2, 3\n", "have 2 nodes each, and element 9 has 3"),
+        ("*Element, type=CPS4\n9, 1, 2\n10, 3, 4, 9\n", "have 4 nodes each, and element 9 has 6"),
+        ("*Element, type=CPS4\n1, 1, 2, 7, 8\n", "element 1 is listed twice, and not the same"),
+        ("*Element, type=CPS4, offset=1\n1, 1, 2, 7, 8\n", "*ELEMENT has the parameter OFFSET, which is not read"),
+        ("*Element, type=CPS4, input=e.inp\n", "*ELEMENT has INPUT=e.inp, which is not a file"),
+        ("*Node\n3, 9., 9.\n", "node 3 is listed twice, and not the same"),
+        ("*Node\n16.5, 9., 9.\n", "16.5 is not the number of a node"),
+        ("*Node, nodal thickness\n16, 9., 9.\n", "*NODE has the parameter NODAL THICKNESS"),
+        ("*Elset, elset=S, gen\n1, 4, 1\n", "*ELSET has the parameter GEN, which is not read"),
+        ("*Elset, elset=S, generate\n1, 4, 1, 2\n", "'1, 4, 1, 2' has 4 numbers; GENERATE takes"),
+        ("*Elset, elset=S, generate\n1, 4, 2\n1, 12, 4\n", "generates 9, and the file has none"),
+        ("*Elset, elset=S, generate\n" + "1, 8\n" * 101, "generates numbers that the file does not have"),
+        ("*Elset, elset=S, instance=Plate-1\n1\n", "is of the instance Plate-1, which the file does not have"),
+        ("*Nset, nset=S, elset=nowhere\n", "lists 'nowhere', which is neither a number nor a set"),
+        ("*Part, name=P\n*End Part\n", "elements or sets outside its parts as well"),
         ("*Include, input=nothing.inp\n", "nothing.inp', which is not a file"),
         ("*Node\n7, x, 0.\n", "is not a row of numbers"),
         ("*Elset, elset=S,", "the file ends in a keyword line that goes on"),
         ("*Elset, elset=S,\n1\n2\n", "goes on into a row of numbers"),
-        ("*Element, type=CPS4\n9, 1, 2, 3, 1e999\n", "its reader stopped with OverflowError"),
+        ("*Element, type=CPS4\n9, 1, 2, 3, 1e999\n", "inf is not the number of a node or an element"),
     ],
 )
 def test_what_is_not_understood_is_named(text, words, tmp_path):
     with pytest.raises(ValueError, match=re.escape(words)) as error:
         inp(tmp_path, f"*Node\n{NODES}*Element, type=CPS4\n{rows(*SQUARES)}{text}")
     assert "a.inp" in str(error.value)
+
+
+SHELLS = "*Node\n1,0,0\n2,2,0\n3,2,1\n4,0,1\n*Element, type={}, elset=E\n1, 1, 2, 3, 4\n*Surface, name=S\nE, {}\n"
+
+
+@pytest.mark.parametrize(
+    ("of_type", "face", "right"),
+    [("S4R", "E1", [1.0, 0.0]), ("S4", "S4", [2.0, 0.5]), ("CPS4", "S1", [1.0, 0.0]), ("CPE4R", "S4", [0.0, 0.5])],
+)
+def test_edges_of_shells_and_of_plane_elements(of_type, face, right, tmp_path):
+    """CalculiX counts S1 and S2 of a shell as its two sides, and its edges from S3."""
+    mesh = inp(tmp_path, SHELLS.format(of_type, face))
+    (facet,) = mesh.boundaries["S"]
+    assert mesh.p[:, mesh.facets[:, facet]].mean(axis=1) == pytest.approx(right)
+
+
+@pytest.mark.parametrize(("of_type", "face"), [("S4", "S1"), ("S4R", "SPOS"), ("CPS4", "E1"), ("CPS4", "S5")])
+def test_a_face_that_is_no_edge_is_left_out_by_name(of_type, face, tmp_path, caplog):
+    mesh = inp(tmp_path, SHELLS.format(of_type, face))
+    assert "S" not in (mesh.boundaries or {})
+    assert f"line 8: *SURFACE S has the face '{face}' of an element {of_type}" in caplog.text
+
+
+PART = f"*Part, name={{}}\n*Node\n{NODES}*Element, type=CPS4, elset=E\n{rows(*SQUARES)}{{}}*End Part\n"
+PLACED = (
+    "*Assembly, name=All\n*Node\n1, 1., 1.\n*Instance, name=A-1, part=A\n*End Instance\n*Instance, name=B-1, part=B\n"
+    "3., 0., 0.\n*End Instance\n"
+)
+
+
+def two_parts(tmp_path, text, a="", b=""):
+    return inp(tmp_path, PART.format("A", a) + PART.format("B", b) + PLACED + text + "*End Assembly\n")
+
+
+def test_sets_of_an_assembly(tmp_path, caplog):
+    """Of numbers and sets of one instance, of other sets of the assembly, by names with the instance in them."""
+    mesh = two_parts(
+        tmp_path,
+        "*Elset, elset=One, instance=A-1\n1, 2\n*Elset, elset=Both\nOne, B-1.3\n*Elset, elset=Most\nBoth, b-1.E\n"
+        "*Nset, nset=Handle\n1\n*Elset, elset=_Top_S3, internal, instance=B-1, generate\n5, 8\n"
+        "*Surface, type=ELEMENT, name=Top\n_Top_S3, S3\nA-1.8, S2\n",
+    )
+    assert [area(mesh, name) for name in ("One", "Both", "Most")] == pytest.approx([0.5, 0.75, 2.5])
+    assert centre(mesh, "Both") == pytest.approx([(2 * 0.5 + 4.25) / 3, 0.25])
+    middle = mesh.p[:, mesh.facets[:, mesh.boundaries["Top"]]].mean(axis=1)
+    assert sorted(middle[0].round(9).tolist()) == [2.0, 3.25, 3.75, 4.25, 4.75]
+    assert "_Top_S3" not in mesh.subdomains
+    # a reference point is no part of the body, and its set no boundary of it
+    assert "1 vertex of no element was left out" in caplog.text
+    assert "'Handle' has no facet" in caplog.text
+
+
+def test_sets_of_one_name_in_two_parts_are_called_by_their_instances(tmp_path, caplog):
+    left, right = "*Nset, nset=Edge\n1, 6, 11\n", "*Nset, nset=Edge\n5, 10, 15\n"
+    mesh = two_parts(tmp_path, "", left, right)
+    assert set(mesh.boundaries) == {"A-1.Edge", "B-1.Edge"}
+    assert set(mesh.subdomains) == {"A-1.E", "B-1.E"}
+    assert centre(mesh, "B-1.E") == pytest.approx([4.0, 0.5])
+    assert "'Edge' is a *NSET of several parts: it is called 'A-1.Edge', 'B-1.Edge'" in caplog.text
+    # the assembly's own keeps the name
+    mesh = two_parts(tmp_path, "*Nset, nset=Edge, instance=B-1\n1, 6, 11\n", left)
+    assert mesh.p[0, mesh.facets[:, mesh.boundaries["Edge"]]].max() == 3.0
+    assert mesh.p[0, mesh.facets[:, mesh.boundaries["A-1.Edge"]]].max() == 0.0
+
+
+def test_an_internal_set_hides_no_other(tmp_path):
+    """Neither one of its name in another part, nor nodes where it has elements."""
+    mesh = two_parts(
+        tmp_path, "", "*Elset, elset=Low, internal\n1, 2\n*Nset, nset=Low\n1, 2, 3\n", "*Elset, elset=Low\n3, 4\n"
+    )
+    assert centre(mesh, "Low") == pytest.approx([4.5, 0.25])
+    assert len(mesh.boundaries["Low"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("*Nset, nset=S, instance=C-1\n1\n", "is of the instance C-1, which the file does not have"),
+        ("*Nset, nset=S\nC-1.Edge\n", "lists 'C-1.Edge', which is neither a number nor a set"),
+        ("*Elset, elset=S\n1\n", "*ELSET lists 1, and the file has none of that number"),
+        ("*Element, type=CPS4\n1, 1, 1, 1, 1\n", "*ELEMENT in the assembly is not read"),
+        ("*Instance, name=C-1, part=C\n*End Instance\n", "*INSTANCE C-1 is of the part 'C', which"),
+        ("*Instance, name=a-1, part=B\n*End Instance\n", "two instances of the name A-1"),
+        ("*Instance, name=C, part=A\n0,0,0\n1,0,0,1,0,0,90\n*End Instance\n", "two different points on its axis"),
+    ],
+)
+def test_what_an_assembly_does_not_have_is_named(text, words, tmp_path):
+    with pytest.raises(ValueError, match=re.escape(words)):
+        two_parts(tmp_path, text)
+
+
+def test_a_part_that_stands_nowhere_is_noted(tmp_path, caplog):
+    mesh = two_parts(tmp_path, "", "*End Part\n*Part, name=Tool\n*Node\n1, 0., 0.\n")
+    assert area(mesh) == pytest.approx(4.0)
+    assert "parts that no instance places were left out: Tool" in caplog.text
+
+
+def test_rows_in_another_file(tmp_path):
+    (tmp_path / "nodes.txt").write_text(NODES)
+    (tmp_path / "elements.txt").write_text(rows(*SQUARES))
+    text = "*Node, input=nodes.txt, nset=N\n*Element, type=CPE4, elset=E, input=elements.txt\n"
+    assert area(inp(tmp_path, text), "E") == pytest.approx(2.0)
+    (tmp_path / "nodes.txt").write_text(f"*Node\n{NODES}")
+    with pytest.raises(ValueError, match="has keywords"):
+        inp(tmp_path, text)
+
+
+def test_marks_and_letters_of_other_systems(tmp_path):
+    """A byte order mark; names in Latin-1."""
+    text = f"*Node\n{NODES}*Element, type=CPS4, elset=Träger\n{rows(*SQUARES)}"
+    for code in ("utf-8", "utf-8-sig", "latin-1"):
+        (tmp_path / "a.inp").write_bytes(text.encode(code))
+        assert list(read_mesh(tmp_path / "a.inp").subdomains) == ["Träger"]
+
+
+def test_the_same_row_twice_is_one(tmp_path, caplog):
+    mesh = inp(tmp_path, f"*Node\n{NODES}1, 0., 0., 0.\n*Element, type=CPS4, elset=A\n{rows(*SQUARES)}{rows(3)}")
+    assert (mesh.nvertices, area(mesh, "A")) == (15, pytest.approx(2.0))
 
 
 def test_an_empty_entry_is_zero(tmp_path):
@@ -189,6 +322,11 @@ def test_files_that_include_each_other(tmp_path):
     assert area(mesh) == pytest.approx(2.0)
     with pytest.raises(ValueError, match="includes files more than 8 deep"):
         inp(tmp_path, "*Include, input=a.inp\n")
+    # forty files of forty lines are 1600 readings
+    (tmp_path / "leaf.inc").write_text("** nothing\n")
+    (tmp_path / "branch.inc").write_text("*Include, input=leaf.inc\n" * 40)
+    with pytest.raises(ValueError, match="includes more than 1000 files"):
+        inp(tmp_path, "*Include, input=branch.inc\n" * 40)
 
 
 # ---- Gmsh
@@ -283,6 +421,61 @@ def test_counts_that_the_file_declares(tmp_path):
     )
     with pytest.raises(ValueError, match="it declares 6 elements and lists 5"):
         read_mesh(tmp_path / "a.msh")
+
+
+PLAIN = GMSH.format(names="0", bottom=0, right=0, left=0, plate=0)
+OLD = (
+    "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n3\n1 0 0 0\n2 1 0 0\n3 0 1 0\n$EndNodes\n"
+    "$Elements\n2\n1 1 2 7 1 1 2\n2 2 2 8 1 1 2 3\n$EndElements\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "old", "new", "words"),
+    [
+        (
+            PLAIN,
+            "5 1 3 4\n",
+            "5 1 3 4\n6 1 2 3\n",
+            "its section Elements goes on beyond what it declares, by 4 numbers",
+        ),
+        (PLAIN, "0 1 0\n$EndN", "0 1 0\n9 9\n$EndN", "its section Nodes goes on beyond what it declares, by 2 numbers"),
+        (PLAIN, "0 4 1 2 3 4\n", "0 4 1 2 3 4\n0\n", "its section Entities goes on"),
+        (PLAIN, "$EndNodes", "x$EndNodes", "it has a word where a number belongs"),
+        (PLAIN, "\n3\n4\n0 0 0", "\n3\n3\n0 0 0", "node 3 is listed twice, and not the same"),
+        (PLAIN, "\n3\n4\n0 0 0", "\n3\n3.5\n0 0 0", "3.5 is not a whole number"),
+        (PLAIN, "\n3\n4\n0 0 0", "\n3\n1e300\n0 0 0", "1e+300 is not a whole number"),
+        (PLAIN, "1 1 1 1\n1 1 2", "1 1 1 -1\n1 1 2", "a count of -1 is none"),
+        (
+            PLAIN,
+            "1 0 0 0 0\n2 1",
+            f"1 0 0 0 101 {' '.join(map(str, range(1, 102)))}\n2 1",
+            "is in 101 groups; at most 100",
+        ),
+        (PLAIN, "4.1 0 8", "4.1 0", "its $MeshFormat is not a version"),
+        (PLAIN, "\n0\n$EndPh", '\n2\n2 1 "a"\n$EndPh', "it declares 2 names of groups and lists 1"),
+        (OLD, "Elements\n2\n", "Elements\n1\n", "its section Elements goes on beyond what it declares, by 8 numbers"),
+        (OLD, "Elements\n2\n", "Elements\n3\n", "it ends in the middle of a section"),
+        (OLD, "Nodes\n3\n", "Nodes\n2\n", "its section Nodes goes on beyond what it declares, by 4 numbers"),
+        (OLD, "Nodes\n3\n", "Nodes\nmany\n", "its section Nodes does not begin with a count"),
+        (OLD, "\n1 1 2 7 1 1 2\n", "\n1 1 -1 1 2\n", "it has an element of -1 tags"),
+        (OLD, "3 0 1 0\n", "2 0 1 0\n", "node 2 is listed twice, and not the same"),
+    ],
+)
+def test_damage_of_a_gmsh_file_is_named(text, old, new, words, tmp_path):
+    (tmp_path / "a.msh").write_text(text)
+    assert read_mesh(tmp_path / "a.msh").nelements in (1, 2)
+    assert text.count(old) == 1
+    (tmp_path / "a.msh").write_text(text.replace(old, new))
+    with pytest.raises(ValueError, match=re.escape(words)):
+        read_mesh(tmp_path / "a.msh")
+
+
+def test_names_with_quotes_and_of_other_systems(tmp_path):
+    text = GMSH.format(names='1\n2 1 "the \\"Träger\\""', bottom=0, right=0, left=0, plate="1 1")
+    for code in ("utf-8", "utf-8-sig", "latin-1"):
+        (tmp_path / "a.msh").write_bytes(text.encode(code))
+        assert list(read_mesh(tmp_path / "a.msh").subdomains) == ['the \\"Träger\\"']
 
 
 def test_a_declared_name_that_came_to_nothing_is_no_other_boundary(tmp_path, caplog):
