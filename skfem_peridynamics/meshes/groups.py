@@ -44,21 +44,27 @@ def raw_mesh(content: Any, scale: float = 1.0) -> Raw:
         blocks,
         tags,
         points_of,
-        notes=_unread(content, bool(content.cell_sets)),
+        notes=[*getattr(content, "notes", ()), *_unread(content, bool(content.cell_sets))],
     )
 
 
 def _used_numbers(content: Any, has_sets: bool) -> list[str]:
     """The integers of cells that are taken for groups."""
     # where gmsh's groups are sets already, the numbers say less
-    own = [key for key in _NUMBERED if key in content.cell_data and not (has_sets and key == "gmsh:physical")]
-    return own or [key for key in _COMMON if key in content.cell_data][:1]
+    fit = [key for key, parts in content.cell_data.items() if all(map(_are_whole, parts))]
+    own = [key for key in _NUMBERED if key in fit and not (has_sets and key == "gmsh:physical")]
+    return own or [key for key in _COMMON if key in fit][:1]
 
 
 def _unread(content: Any, has_sets: bool) -> list[str]:
-    """Notes of integers of the cells that are taken for no groups."""
+    """Notes of integers of the cells that are taken for no groups, and of what is called as they are and is none."""
     used = _used_numbers(content, has_sets)
-    return [
+    fractions = [
+        f"the numbers {key!r} of its elements are not whole, and are not taken for groups"
+        for key, parts in content.cell_data.items()
+        if key in (*_COMMON, *_NUMBERED) and not all(map(_are_whole, parts))
+    ]
+    return fractions + [
         f"the integers {key!r} of its elements are not taken for groups; "
         + (f"{used[0]!r} are" if used else f"they would be under one of the names {', '.join(_COMMON)}")
         for key, parts in content.cell_data.items()
@@ -68,18 +74,27 @@ def _unread(content: Any, has_sets: bool) -> list[str]:
     ]
 
 
+def _are_whole(values: Any) -> bool:
+    """Whether values can be the numbers of groups."""
+    values = np.asarray(values)
+    return values.dtype.kind in "iu" or (values.dtype.kind == "f" and bool((values == np.rint(values)).all()))
+
+
 def _add_numbered(
     content: Any, key: str, known: dict[tuple[int, int], str], tags: dict[str, list[Longs | None]]
 ) -> None:
     """Groups of cells with the same number, by the name of the number where it has one."""
+    highest = max((block.dim for block in content.cells if len(block.data)), default=0)
     for k, values in enumerate(content.cell_data.get(key, ())):
         values = np.asarray(values)
         if values.ndim == 2 and values.shape[1] == 1:
             values = values[:, 0]
-        if values.ndim != 1 or values.dtype.kind not in "iuf":
+        if values.ndim != 1 or not _are_whole(values):
             continue
         dim = content.cells[k].dim
-        for number in np.unique(values[values != 0]).tolist():
+        # the tools that have a number for each region count from 0, those that tag some cells have 0 for none
+        counted = key in _COMMON and dim == highest
+        for number in np.unique(values if counted else values[values != 0]).tolist():
             # the families of MED have several names each, and a name several families
             families = getattr(content, "cell_tags", {}).get(int(number)) if key == "cell_tags" else None
             for name in families or [known.get((number, dim), str(int(number)))]:

@@ -1,7 +1,10 @@
 """Groups, parts and pieces as mesh files declare them: read as they are meant, or refused with the construct named."""
 
+import base64
 import logging
+import lzma
 import re
+import zlib
 
 import meshio
 import numpy as np
@@ -567,6 +570,123 @@ def test_true_reasons(tmp_path):
     (tmp_path / "b.vtu").write_text(count)
     with pytest.raises(ValueError, match="b.vtu'"):
         read_mesh(tmp_path / "b.vtu")
+
+
+def coded(tmp_path, mode, header="UInt32", order="<", block=100):
+    """The pieces of a plate with their arrays written in another way, by the lines of VTK's own description."""
+    text = pieces(tmp_path).replace('version="0.1"', f'version="1.0" header_type="{header}"')
+    size = order + {"UInt32": "u4", "UInt64": "u8"}[header]
+    packers = {"vtkZLibDataCompressor": zlib.compress, "vtkLZMADataCompressor": lzma.compress}
+    packer = next((name for name in packers if name in mode), None)
+    if order == ">":
+        text = text.replace("LittleEndian", "BigEndian")
+    if packer:
+        text = text.replace("<VTKFile", f'<VTKFile compressor="{packer}"')
+    kinds = {"Float64": "f8", "Int64": "i8", "Int32": "i4", "UInt8": "u1"}
+    appended = b""
+
+    def array(match):
+        nonlocal appended
+        data = np.array(match[3].split(), dtype=order + kinds[re.search(r'type="(\w+)"', match[1])[1]]).tobytes()
+        if packer:
+            parts = [data[k : k + block] for k in range(0, len(data), block)]
+            packed = [packers[packer](part) for part in parts]
+            last = len(parts[-1]) % block
+            head = np.array([len(parts), block, last, *map(len, packed)], dtype=size).tobytes()
+            data = b"".join(packed)
+        else:
+            head = np.array([len(data)], dtype=size).tobytes()
+        if "raw" in mode:
+            content = head + data
+        elif packer:  # the numbers of the blocks are a run of their own
+            content = base64.b64encode(head) + base64.b64encode(data)
+        else:
+            content = base64.b64encode(head + data)
+        if "appended" not in mode:
+            return f'{match[1]}format="binary"{match[2]}>{content.decode()}</DataArray>'
+        appended += content
+        return f'{match[1]}format="appended" offset="{len(appended) - len(content)}"{match[2]}/>'
+
+    text = re.sub(r'(<DataArray[^>]*)format="ascii"([^>]*)>([^<]*)</DataArray>', array, text)
+    if not appended:
+        return text.encode()
+    kind = "raw" if "raw" in mode else "base64"
+    tail = b'<AppendedData encoding="' + kind.encode() + b'">_' + appended + b"</AppendedData></VTKFile>"
+    return text.encode().replace(b"</VTKFile>", tail)
+
+
+@pytest.mark.parametrize("mode", ["inline", "appended", "appended raw"])
+@pytest.mark.parametrize("packer", ["", "vtkZLibDataCompressor", "vtkLZMADataCompressor"])
+@pytest.mark.parametrize(("header", "order"), [("UInt32", "<"), ("UInt64", ">")])
+def test_every_way_to_write_numbers(mode, packer, header, order, tmp_path):
+    (tmp_path / "a.vtu").write_bytes(coded(tmp_path, f"{mode} {packer}", header, order))
+    mesh = read_mesh(tmp_path / "a.vtu")
+    assert (mesh.nvertices, area(mesh), area(mesh, "2")) == (30, pytest.approx(4.0), pytest.approx(2.0))
+    assert centre(mesh, "2") == pytest.approx([3.0, 0.5])
+
+
+def test_a_packed_array_is_as_long_as_it_says(tmp_path):
+    """An array of zeros that unpacks to more than belongs there is not unpacked."""
+    content = coded(tmp_path, "inline vtkZLibDataCompressor", block=10**6).decode()
+    zeros = zlib.compress(bytes(10**8))
+    for declared, words in ((10**8, "1e\\+08 bytes when unpacked"), (128, "a block of it is not as long as declared")):
+        head = np.array([1, declared, 0, len(zeros)], dtype="<u4").tobytes()
+        junk = (base64.b64encode(head) + base64.b64encode(zeros)).decode()
+        text = re.sub(r'(Name="region"[^>]*>)[^<]*<', rf"\g<1>{junk}<", content, count=1)
+        assert text != content
+        (tmp_path / "a.vtu").write_text(text)
+        with pytest.raises(ValueError, match=words):
+            read_mesh(tmp_path / "a.vtu")
+
+
+ASCII = """<VTKFile type="UnstructuredGrid" byte_order="LittleEndian"><UnstructuredGrid>
+<Piece NumberOfPoints="6" NumberOfCells="2"><Points><DataArray type="Float64" NumberOfComponents="3">
+0 0 0 1 0 0 2 0 0 0 1 0 1 1 0 2 1 0</DataArray></Points><Cells>
+<DataArray type="Int32" Name="connectivity">{connectivity}</DataArray>
+<DataArray type="Int32" Name="offsets">{offsets}</DataArray>
+<DataArray type="UInt8" Name="types">{types}</DataArray></Cells>
+<CellData><DataArray type="Float64" Name="{name}">{data}</DataArray></CellData>
+</Piece></UnstructuredGrid></VTKFile>"""
+SOUND = {"connectivity": "0 1 3 4 1 2 5 4", "offsets": "4 8", "types": "8 9", "name": "material", "data": "0 1"}
+
+
+def test_rows_of_cells_and_regions_from_zero(tmp_path):
+    """A pixel is a quadrilateral by rows; a region of number 0 is one where numbers are of all elements."""
+    (tmp_path / "a.vtu").write_text(ASCII.format(**SOUND))
+    mesh = read_mesh(tmp_path / "a.vtu")
+    assert [area(mesh, name) for name in ("0", "1")] == pytest.approx([1.0, 1.0])
+    assert centre(mesh, "1") == pytest.approx([1.5, 0.5])
+
+
+def test_copies_of_elements_for_other_pieces_are_left_out(tmp_path, caplog):
+    (tmp_path / "a.vtu").write_text(ASCII.format(**SOUND | {"name": "vtkGhostType", "data": "1 0"}))
+    assert read_mesh(tmp_path / "a.vtu").p[0].min() == 1.0
+    assert "1 ghost elements, copies for other pieces, were left out" in caplog.text
+
+
+def test_numbers_that_are_not_whole_are_no_groups(tmp_path, caplog):
+    (tmp_path / "a.vtu").write_text(ASCII.format(**SOUND | {"data": "1.2 1.7"}))
+    assert read_mesh(tmp_path / "a.vtu").subdomains is None
+    assert "the numbers 'material' of its elements are not whole" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("offsets", "4 7", "offsets that do not cut its 8 connectivity entries"),
+        ("offsets", "4", "declares 2 cells and lists 1 offsets"),
+        ("connectivity", "0 1 3 4 1 2 5 6", "a quad has vertex 6; there are 6, counted from 0"),
+        ("connectivity", "0 1 3 4 1 2 5 -1", "a quad has vertex -1"),
+        ("connectivity", "0 1 3 4 1 2 5 x", "a word where a number belongs"),
+        ("types", "8 6", "cells of VTK's type 6 with 4 vertices"),
+        ("types", "8 10 10", "lists 2 offsets and 3 types"),
+        ("data", "1 2 3", "has 3 numbers of 'material' for 2 cells"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_named(key, value, words, tmp_path):
+    (tmp_path / "a.vtu").write_text(ASCII.format(**SOUND | {key: value}))
+    with pytest.raises(ValueError, match=re.escape(words)):
+        read_mesh(tmp_path / "a.vtu")
 
 
 # ---- other formats
