@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .._memory import free_memory
 from .._types import Longs
 from .abaqus_text import Section, rows_of
 from .entries import whole
@@ -118,7 +119,9 @@ def add_set(section: Section | Listed, scope: Scope, others: Mapping[str, Scope]
 
 
 def _join(sets: dict[str, Longs], name: str, members: Longs) -> None:
-    """Add members to a set, which has each of them once."""
+    """Add members to a set, which has each of them once. Raises ``ValueError`` where the memory is too small for it."""
+    if 16 * len(members) > free_memory():
+        raise ValueError(f"its set {name[:60]} of {len(members)} members needs more memory than is free")
     sets[name] = np.union1d(sets.get(name, np.zeros(0, dtype=np.int64)), members)
 
 

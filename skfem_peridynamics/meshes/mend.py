@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._memory import free_memory
 from .._types import Bools, Floats, Ints, Longs, Mesh
 from ..geometry.boxes import mesh_class
 from ..geometry.connected import connected
@@ -75,6 +76,12 @@ def mend(raw: Raw, join: bool = False) -> Mended:
     if not dim:
         raise ValueError("it has no elements: no lines, triangles or tetrahedra")
     points = _plane(raw.points, raw.blocks, dim, notes)
+    size = len(raw.tags) * sum(len(cells) for _, cells in raw.blocks)
+    if size > free_memory():
+        raise ValueError(
+            f"its {len(raw.tags)} groups of elements take {size / 1e6:.3g} MB, and {free_memory() / 1e6:.3g} MB "
+            "are free"
+        )
     merged = _merged(points, notes) if join else np.arange(len(points))
     elements, marks = _collect(raw, dim, merged, notes)
     facets, facet_marks = _collect(raw, dim - 1, merged, [])

@@ -22,7 +22,7 @@ _log = logging.getLogger("skfem_peridynamics")
 _PRINTING = threading.Lock()
 _LARGEST = 1e100  # of a coordinate: powers of it must stay numbers
 _BETTER = "as .msh (Gmsh 4.1), .vtu or .inp"
-_READING = 8  # bytes of memory a byte of a mesh file
+_READING = 20  # bytes of memory a byte of a mesh file: what an .inp takes, the most of all text formats
 
 
 @contextlib.contextmanager

@@ -728,3 +728,17 @@ def test_a_reader_that_lacks_a_library_names_it(tmp_path, monkeypatch):
     (tmp_path / "a.e").write_bytes(b"")
     with pytest.raises(ValueError, match="a.e'.*its reader needs netCDF4: pip install netCDF4, or export"):
         read_mesh(tmp_path / "a.e")
+
+
+def test_groups_that_do_not_fit_into_memory(tmp_path, monkeypatch):
+    """Each of them is a mark for every element; a few lines can name thousands."""
+    text = f"*Node\n{NODES}*Element, type=CPS4, elset=E\n{rows(*SQUARES)}" + "".join(
+        f"*Elset, elset=S{k}\nE\n" for k in range(200)
+    )
+    assert len(inp(tmp_path, text).subdomains) == 201
+    monkeypatch.setattr("skfem_peridynamics.meshes.mend.free_memory", lambda: 1600.0)
+    with pytest.raises(ValueError, match="its 201 groups of elements take 0.00161 MB, and 0.0016 MB are free"):
+        inp(tmp_path, text)
+    monkeypatch.setattr("skfem_peridynamics.meshes.abaqus_sets.free_memory", lambda: 100.0)
+    with pytest.raises(ValueError, match="its set E of 8 members needs more memory"):
+        inp(tmp_path, text)
