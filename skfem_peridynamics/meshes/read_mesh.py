@@ -68,10 +68,13 @@ def mended_mesh(path: Path, scale: float = 1.0, join: bool = False) -> Mended:
 def _own_reader(path: Path) -> Callable[[Path], Raw] | None:
     """The reader for files of which meshio would lose groups, or None."""
     from .abaqus import read_abaqus
+    from .exodus import SUFFIXES, read_exodus
     from .gmsh import VERSIONS, read_gmsh, version_of
 
     if path.suffix.lower() == ".inp":
         return read_abaqus
+    if path.suffix.lower() in SUFFIXES:
+        return read_exodus
     return read_gmsh if version_of(path) in VERSIONS else None
 
 
@@ -79,6 +82,8 @@ def _by_own(reader: Callable[[Path], Raw], path: Path) -> Raw:
     """What a reader of ours delivers; what it stumbles over in a damaged file is a sentence, too."""
     try:
         return reader(path)
+    except ModuleNotFoundError as error:
+        raise ValueError(_missing_module(str(error.name))) from None
     except (ArithmeticError, LookupError, MemoryError, TypeError) as error:
         raise ValueError(f"it cannot be read as a mesh: {_reason(error, '')}") from None
 

@@ -48,7 +48,7 @@ class _Coding:
 
 
 def read_vtu(path: Path) -> Any:
-    """Return points, cells and numbers of the cells of all pieces, as a mesh of meshio's.
+    """Return points, cells and their numbers in all pieces, as a mesh of meshio's.
 
     Raises ``ValueError`` for what is not known, and where arrays are not as long as the file declares.
     """
@@ -81,7 +81,8 @@ def read_vtu(path: Path) -> Any:
 class _Piece:
     points: Array
     cells: list[tuple[str, Longs, Longs]]  # kind, vertices, places among the cells of the piece
-    data: dict[str, Array]
+    data: dict[str, Array]  # of the cells
+    fields: dict[str, Array]  # of the points
     ghosts: int
 
 
@@ -109,15 +110,7 @@ def _read_piece(piece: ElementTree.Element, which: str, coding: _Coding) -> _Pie
     sizes = np.diff(offsets, prepend=0)
     if (sizes < 0).any() or (offsets[-1] if cells else 0) != len(connectivity):
         raise ValueError(f"{which} has offsets that do not cut its {len(connectivity)} connectivity entries into cells")
-    data = {}
-    for array in piece.findall("CellData/DataArray"):
-        if array.get("type") != "String":
-            columns = array.get("NumberOfComponents", "1").strip()
-            components = int(columns) if re.fullmatch("[1-9][0-9]{0,2}", columns) else 1
-            values = _values(array, coding, cells * components)
-            if values.size != cells * components:
-                raise ValueError(f"{which} has {values.size} numbers of {array.get('Name')!r} for {cells} cells")
-            data[str(array.get("Name"))] = values.reshape(cells, components) if components > 1 else values.ravel()
+    data = _columns(piece, "CellData", cells, which, coding)
     ghost = data["vtkGhostType"].astype(np.int64) & _GHOST != 0 if "vtkGhostType" in data else np.zeros(cells, bool)
     blocks = []
     change = np.flatnonzero((np.diff(types) != 0) | (np.diff(sizes) != 0)) + 1
@@ -126,7 +119,24 @@ def _read_piece(piece: ElementTree.Element, which: str, coding: _Coding) -> _Pie
         if len(run):
             corners = connectivity[offsets[run][:, None] - sizes[run[0]] + np.arange(sizes[run[0]])]
             blocks.append((*_kind(int(types[run[0]]), corners, which), run))
-    return _Piece(p[0].reshape(-1, 3), blocks, data, int(ghost.sum()))
+    fields = _columns(piece, "PointData", points, which, coding)
+    return _Piece(p[0].reshape(-1, 3), blocks, data, fields, int(ghost.sum()))
+
+
+def _columns(piece: ElementTree.Element, of: str, count: int, which: str, coding: _Coding) -> dict[str, Array]:
+    """The numbers of cells or points by name, (count,) or (count, components)."""
+    found = {}
+    for array in piece.findall(f"{of}/DataArray"):
+        if array.get("type") == "String":
+            continue
+        columns = array.get("NumberOfComponents", "1").strip()
+        components = int(columns) if re.fullmatch("[1-9][0-9]{0,2}", columns) else 1
+        values = _values(array, coding, count * components)
+        if values.size != count * components:
+            what = "cells" if of == "CellData" else "points"
+            raise ValueError(f"{which} has {values.size} numbers of {array.get('Name')!r} for {count} {what}")
+        found[str(array.get("Name"))] = values.reshape(count, components) if components > 1 else values.ravel()
+    return found
 
 
 def _kind(number: int, corners: Longs, which: str) -> tuple[str, Longs]:
@@ -232,7 +242,13 @@ def _joined(pieces: list[_Piece]) -> Any:
             cells.append((kind, corners + at))
             for name in names:
                 data[name].append(piece.data[name][places])
-    mesh = meshio.Mesh(np.concatenate([piece.points for piece in pieces]), cells, cell_data=data)
+    common = [name for name in pieces[0].fields if all(name in piece.fields for piece in pieces)]
+    mesh = meshio.Mesh(
+        np.concatenate([piece.points for piece in pieces]),
+        cells,
+        cell_data=data,
+        point_data={name: np.concatenate([piece.fields[name] for piece in pieces]) for name in common},
+    )
     ghosts = sum(piece.ghosts for piece in pieces)
     mesh.notes = [f"{ghosts} ghost elements, copies for other pieces, were left out"] if ghosts else []
     return mesh

@@ -167,7 +167,7 @@ def test_a_mesh_with_other_elements(tmp_path, capsys):
     capsys.readouterr()
     content = change("{box = [[0, 1], [0, 0.5]], divisions = [16, 8]}", '{file = "curves.vtu"}')
     said = complaint(capsys, tmp_path, content)
-    assert "it has elements of the kind 'VTK_LAGRANGE_CURVE'; those that can be used are vertex, line, " in said
+    assert "cells of VTK's type 68 (VTK_LAGRANGE_CURVE) with 8 vertices, which are not read: save lines, " in said
 
 
 def test_a_mesh_file_that_is_none(tmp_path, capsys):

@@ -10,6 +10,7 @@ import meshio
 import numpy as np
 import pytest
 import skfem
+from scipy.io import netcdf_file
 
 from skfem_peridynamics.app.problem.domain import make_mesh
 from skfem_peridynamics.app.scene.body_tables import MeshTable
@@ -708,7 +709,7 @@ def test_families_of_med_have_names(tmp_path):
 )
 def test_what_a_reader_breaks_down_with_becomes_a_sentence(name, tmp_path):
     """Garbage, and the first half of a file: the file, what was met, what to do."""
-    for content in (b"", b"OFF\nnonsense\n", b"\x00\x01"):
+    for content in (b"", b"CDF\x01\x00\x00", b"\x89HDF\r\n\x1a\nx", b"OFF\nnonsense\n", b"\x00\x01"):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(ValueError, match=name) as error:
             read_mesh(tmp_path / name)
@@ -718,6 +719,101 @@ def test_what_a_reader_breaks_down_with_becomes_a_sentence(name, tmp_path):
         assert "None" not in words.split(), words
 
 
+# two blocks of the plate [0, 2] x [0, 1] cut along x = 1, with sets of nodes and of sides
+EXODUS = {
+    "coordx": ("f8", [0.0, 1.0, 2.0, 0.0, 1.0, 2.0]),
+    "coordy": ("f8", [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]),
+    "connect1": ("i4", [[1, 2, 5], [1, 5, 4]]),
+    "connect2": ("i4", [[2, 3, 6, 5]]),
+    "eb_prop1": ("i4", [10, 20]),
+    "eb_names": ("S1", [list("steel\0\0"), list("\0\0\0\0\0\0\0")]),
+    "node_ns1": ("i4", [1, 4]),
+    "ns_prop1": ("i4", [7]),
+    "elem_ss1": ("i4", [3, 1]),
+    "side_ss1": ("i4", [2, 1]),
+    "ss_names": ("S1", [list("loaded\0")]),
+}
+
+
+def exodus(path, **changed):
+    """A file of the classic form by SciPy, which writes what it also reads, or of HDF by h5py."""
+    arrays = EXODUS | {name: (EXODUS[name][0], value) for name, value in changed.items()}
+    kinds = {"connect1": "TRI3", "connect2": "QUAD4"}
+    if path.suffix == ".exo":
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(path, "w") as file:
+            for name, (kind, value) in arrays.items():
+                file[name] = np.array(value, dtype=kind)
+                if name in kinds:
+                    file[name].attrs["elem_type"] = kinds[name]
+        return read_mesh(path)
+    with netcdf_file(path, "w", version=2) as file:
+        for name, (kind, value) in arrays.items():
+            data = np.array(value, dtype=kind)
+            axes = tuple(f"{name}_{k}" for k in range(data.ndim))
+            for axis, size in zip(axes, data.shape, strict=True):
+                file.createDimension(axis, size)
+            variable = file.createVariable(name, "c" if kind == "S1" else kind, axes)
+            variable[:] = data
+            if name in kinds:
+                variable.elem_type = kinds[name]
+    return read_mesh(path)
+
+
+@pytest.mark.parametrize("name", ["a.e", "a.exo"])
+def test_blocks_and_sets_of_exodus(name, tmp_path):
+    mesh = exodus(tmp_path / name)
+    assert {key: area(mesh, key) for key in mesh.subdomains} == pytest.approx({"steel": 1.0, "20": 1.0})
+    assert centre(mesh, "20") == pytest.approx([1.5, 0.5])
+    assert side(mesh, "7") == [[0.0, 0.5]]
+    assert sorted(side(mesh, "loaded")) == [[0.5, 0.0], [2.0, 0.5]]
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"side_ss1": [5, 1]}, "the set of sides loaded has side 5 of a quad, which has 4"),
+        ({"elem_ss1": [4, 1]}, "the set of sides loaded lists 4 of 3"),
+        ({"node_ns1": [0, 1]}, "the set of nodes 7 lists 0 of 6"),
+        ({"connect1": [[1, 2, 7], [1, 5, 4]]}, "block steel has vertex 7 of 6"),
+        ({"connect2": [[2, 3]]}, "block 20 has elements of type 'QUAD4' with 2 nodes"),
+    ],
+)
+def test_sets_of_exodus_that_do_not_fit(changed, words, tmp_path):
+    with pytest.raises(ValueError, match=re.escape(words)):
+        exodus(tmp_path / "a.e", **changed)
+
+
+@pytest.mark.parametrize(
+    ("kind", "corners"),
+    [
+        ("TETRA", [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]),
+        ("PYRAMID", [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 0.5, 1)]),
+        ("WEDGE", [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)]),
+        ("HEX", [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]),
+    ],
+)
+def test_all_sides_of_a_solid_are_its_surface(kind, corners, tmp_path):
+    """Each side is facets of the boundary, and together they are all of it, once."""
+    from skfem_peridynamics.meshes.exodus import _SIDES, read_exodus
+
+    sides = len(next(value for key, value in _SIDES.items() if key.startswith(kind[:3].lower())))
+    arrays = {"coord": np.array(corners, float).T, "connect1": np.arange(1, len(corners) + 1)[None]}
+    with netcdf_file(tmp_path / "a.e", "w") as file:
+        for number in range(1, sides + 1):
+            arrays |= {f"elem_ss{number}": np.array([1]), f"side_ss{number}": np.array([number])}
+        for name, data in arrays.items():
+            axes = tuple(f"{name}_{k}" for k in range(data.ndim))
+            for axis, size in zip(axes, data.shape, strict=True):
+                file.createDimension(axis, size)
+            file.createVariable(name, "f8" if data.dtype == float else "i4", axes)[:] = data
+        file.variables["connect1"].elem_type = kind
+    assert read_exodus(tmp_path / "a.e").blocks[0][0].startswith(kind.lower()[:3])
+    mesh = read_mesh(tmp_path / "a.e")
+    found = np.concatenate([mesh.boundaries[str(number)] for number in range(1, sides + 1)])
+    assert sorted(found.tolist()) == sorted(mesh.boundary_facets().tolist())
+
+
 def test_a_reader_that_lacks_a_library_names_it(tmp_path, monkeypatch):
     from skfem_peridynamics.meshes import guarded_reader
 
@@ -725,9 +821,9 @@ def test_a_reader_that_lacks_a_library_names_it(tmp_path, monkeypatch):
         raise ModuleNotFoundError("No module named 'netCDF4'", name="netCDF4")
 
     monkeypatch.setattr(guarded_reader, "read", missing)
-    (tmp_path / "a.e").write_bytes(b"")
-    with pytest.raises(ValueError, match="a.e'.*its reader needs netCDF4: pip install netCDF4, or export"):
-        read_mesh(tmp_path / "a.e")
+    (tmp_path / "a.nc").write_bytes(b"")
+    with pytest.raises(ValueError, match="a.nc'.*its reader needs netCDF4: pip install netCDF4, or export"):
+        read_mesh(tmp_path / "a.nc")
 
 
 def test_groups_that_do_not_fit_into_memory(tmp_path, monkeypatch):
