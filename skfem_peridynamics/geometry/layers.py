@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from .._types import Floats, Ints, Longs, Mesh
-from .simplices import distance_to_simplices
+from .simplices import distance_to_simplices, offset_from_simplices, outward_normals
+from .visibility import INSET, Sight, sight
 
 _CHUNK = 4096  # points at a time: bounds the candidate pairs held in memory
+_AIM = 0.1  # of the way from the nearest point of a facet to its middle
 
 
 def named_facets(mesh: Mesh, facets: Any) -> Ints:
@@ -65,8 +70,96 @@ def distance_to_facets(mesh: Mesh, facets: Any, within: float, points: Floats | 
     return distance
 
 
+def visible_distance(mesh: Mesh, facets: Any, within: float) -> Floats:
+    """Return the distance of the vertices to what they see of a set of facets, (nvertices,); ``inf`` beyond ``within``.
+
+    As bonds do, a line of sight crosses no slit, notch or hole. The vertices of the facets are at 0.
+
+    >>> import skfem
+    >>> from skfem_peridynamics import Crack, slit
+    >>> square = skfem.MeshTri.init_tensor(np.linspace(0, 1, 5), np.linspace(0, 1, 5))
+    >>> m = slit(square, Crack([[0.0, 0.5], [1.0, 0.5]])).with_boundaries({"low": lambda x: x[1] == 0.0})
+    >>> seen = visible_distance(m, "low", within=0.75)
+    >>> float(seen[m.p[1] < 0.75][np.isfinite(seen[m.p[1] < 0.75])].max()), bool(np.isinf(seen[m.p[1] == 0.75]).all())
+    (0.5, True)
+    """
+    facets = named_facets(mesh, facets)
+    distance = distance_to_facets(mesh, facets, within)
+    view = sight(mesh, within)
+    own = np.zeros(mesh.nvertices, dtype=bool)
+    own[mesh.facets[:, facets]] = True
+    asked = np.flatnonzero(view.near & np.isfinite(distance) & ~own)
+    if len(asked):
+        distance[asked] = _seen(mesh, facets, view, asked, within)
+    return distance
+
+
+@dataclass(frozen=True, eq=False)
+class _Faces:
+    """Facets that are looked at from vertices."""
+
+    mesh: Mesh
+    facets: Ints
+    view: Sight
+
+    @cached_property
+    def corners(self) -> Floats:
+        corners: Floats = self.mesh.p[:, self.mesh.facets[:, self.facets]]
+        return corners
+
+    @cached_property
+    def middle(self) -> Floats:
+        middle: Floats = self.corners.mean(axis=1)
+        return middle
+
+    @cached_property
+    def inward(self) -> Floats:
+        """An inset into the body; a facet inside it is seen from both sides."""
+        normal, _ = outward_normals(self.mesh, self.facets)
+        return np.where(self.mesh.f2t[1, self.facets] < 0, -INSET, 0.0) * normal
+
+    def distance(self, vertices: Longs, which: Longs) -> Floats:
+        """The distance of each vertex to a facet; ``inf`` where it does not see it."""
+        mesh, view = self.mesh, self.view
+        offset = offset_from_simplices(mesh.p[:, vertices], self.corners, which)
+        # not at a corner: who sees no more than a crack tip does not see the crack
+        end = mesh.p[:, vertices] - offset
+        end += _AIM * (self.middle[:, which] - end) + view.size[vertices] * self.inward[:, which]
+        touching = (mesh.t[:, mesh.f2t[:, self.facets[which]]] == vertices).any(axis=(0, 1))
+        hidden = view.hidden(view.points[:, vertices], end, view.size[vertices]) & ~touching
+        return np.where(hidden, np.inf, np.linalg.norm(offset, axis=0))
+
+
+def _seen(mesh: Mesh, facets: Ints, view: Sight, vertices: Longs, within: float) -> Floats:
+    """The distance of some vertices to what they see of the facets."""
+    from scipy.spatial import cKDTree
+
+    faces = _Faces(mesh, facets, view)
+    radius = np.linalg.norm(faces.corners - faces.middle[:, None], axis=0).max()
+    tree = cKDTree(faces.middle.T)
+    reach = (within + radius) * (1.0 + 1e-9)
+    counts = tree.query_ball_point(mesh.p[:, vertices].T, reach, return_length=True)
+    out = np.full(len(vertices), np.inf)
+    # as many vertices at a time as have a bounded number of facets in reach
+    part = np.cumsum(counts) // (_CHUNK * 16)
+    for start, end in pairwise([*np.unique(part, return_index=True)[1].tolist(), len(vertices)]):
+        lists = tree.query_ball_point(mesh.p[:, vertices[start:end]].T, reach)
+        which = np.concatenate([np.array(found, dtype=np.int64) for found in lists])
+        at = np.repeat(np.arange(start, end), counts[start:end])
+        length = distance_to_simplices(mesh.p[:, vertices[at]], faces.corners, which)
+        order = np.lexsort((length, at))
+        order = order[length[order] <= within * (1.0 + 1e-9)]
+        which, at = which[order], at[order]
+        # the nearest facet first: most vertices see it
+        first = np.unique(at, return_index=True)[1]
+        out[at[first]] = faces.distance(vertices[at[first]], which[first])
+        rest = np.flatnonzero(np.isinf(out[at]))
+        np.minimum.at(out, at[rest], faces.distance(vertices[at[rest]], which[rest]))
+    return out
+
+
 def collar(mesh: Mesh, facets: Any, width: float) -> Longs:
-    """Return the vertices within ``width`` of a set of facets.
+    """Return the vertices within ``width`` of a set of facets that see it: no slit, notch or hole is between.
 
     Parameters
     ----------
@@ -96,7 +189,7 @@ def collar(mesh: Mesh, facets: Any, width: float) -> Longs:
     """
     if not width >= 0.0:
         raise ValueError(f"width = {width} of a collar must not be negative")
-    return np.flatnonzero(np.isfinite(distance_to_facets(mesh, facets, width)))
+    return np.flatnonzero(np.isfinite(visible_distance(mesh, facets, width)))
 
 
 def region(mesh: Mesh, elements: Any) -> Longs:

@@ -183,28 +183,39 @@ def facet_directions(mesh: Mesh, most: int = 64) -> tuple[Floats, Floats]:
     return distinct / np.linalg.norm(distinct, axis=0), share / share.sum()
 
 
-def distance_to_simplices(x: Floats, corners: Floats, which: Longs) -> Floats:
-    """Return the distance of each point x (dim, n) to simplex ``which`` (n,) of ``corners`` (dim, k, nsimplices).
+def offset_from_simplices(x: Floats, corners: Floats, which: Longs) -> Floats:
+    """Return each point x (dim, n) minus the nearest point of simplex ``which`` (n,) of ``corners``, (dim, n).
 
-    The simplices may be of any order k - 1: points, segments, triangles.
+    ``corners`` is (dim, k, nsimplices). The simplices may be of any order k - 1: points, segments, triangles.
 
     >>> segment = np.array([[[0.0], [1.0]], [[0.0], [0.0]]])            # from (0, 0) to (1, 0)
-    >>> distance_to_simplices(np.array([[0.5, 2.0], [2.0, 0.0]]), segment, np.array([0, 0])).tolist()
-    [2.0, 1.0]
+    >>> offset_from_simplices(np.array([[0.5, 2.0], [2.0, 0.0]]), segment, np.array([0, 0])).tolist()
+    [[0.0, 1.0], [2.0, 0.0]]
     """
     k = corners.shape[1]
-    away = x - corners[:, 0, which]
+    away: Floats = x - corners[:, 0, which]
     if k == 1:
-        gap: Floats = np.linalg.norm(away, axis=0)
-        return gap
+        return away
     edges = corners[:, 1:] - corners[:, :1]
     inverse = np.moveaxis(np.linalg.pinv(np.moveaxis(edges, 2, 0)), 0, 2)  # (k - 1, dim, nsimplices)
     inner = [(inverse[row][:, which] * away).sum(axis=0) for row in range(k - 1)]
     for row, part in enumerate(inner):
         away = away - edges[:, row, which] * part
-    distance: Floats = np.linalg.norm(away, axis=0)
     outside = np.flatnonzero((np.min(inner, axis=0) < 0.0) | (np.sum(inner, axis=0) > 1.0))
     if len(outside):
         rims = [np.delete(corners, drop, axis=1) for drop in range(k)]
-        distance[outside] = np.min([distance_to_simplices(x[:, outside], rim, which[outside]) for rim in rims], axis=0)
+        offsets = np.array([offset_from_simplices(x[:, outside], rim, which[outside]) for rim in rims])
+        nearest = np.linalg.norm(offsets, axis=1).argmin(axis=0)
+        away[:, outside] = offsets[nearest, :, np.arange(len(outside))].T
+    return away
+
+
+def distance_to_simplices(x: Floats, corners: Floats, which: Longs) -> Floats:
+    """Return the distance of each point x (dim, n) to simplex ``which`` (n,) of ``corners`` (dim, k, nsimplices).
+
+    >>> segment = np.array([[[0.0], [1.0]], [[0.0], [0.0]]])            # from (0, 0) to (1, 0)
+    >>> distance_to_simplices(np.array([[0.5, 2.0], [2.0, 0.0]]), segment, np.array([0, 0])).tolist()
+    [2.0, 1.0]
+    """
+    distance: Floats = np.linalg.norm(offset_from_simplices(x, corners, which), axis=0)
     return distance

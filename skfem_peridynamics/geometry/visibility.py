@@ -22,7 +22,7 @@ from .._types import Bools, Floats, Longs, Mesh
 from .simplices import outward_normals, vertex_sizes
 from .vertex_sectors import vertex_sectors
 
-_INSET = 1e-6  # of the vertex size
+INSET = 1e-6  # of the vertex size
 _SEAM = 1e-5  # barycentric: more than an inset can shift a crossing
 _BOW = 1e-3  # of the vertex size, more than the seam
 _PART = 0.3819660112501051  # where a path bends: irrational, so that lattice planes do not hold the bend
@@ -103,14 +103,21 @@ class Sight:
             return out
         a, b = i[suspect], j[suspect]
         suspect = suspect[~np.isin(np.minimum(a, b) * len(self.near) + np.maximum(a, b), self.edges)]
-        for start in range(0, len(suspect), _BONDS):
-            bonds = suspect[start : start + _BONDS]
-            p, q = self.points[:, i[bonds]], self.points[:, j[bonds]]
-            out[bonds], touches = self._crossed(p, q)
-            touch = np.flatnonzero(touches & ~out[bonds])
+        a, b = i[suspect], j[suspect]
+        out[suspect] = self.hidden(self.points[:, a], self.points[:, b], np.minimum(self.size[a], self.size[b]))
+        return out
+
+    def hidden(self, p: Floats, q: Floats, size: Floats) -> Bools:
+        """Return for each segment p q whether a facet stands between its ends; ``size`` of the elements around."""
+        out = np.zeros(p.shape[1], dtype=bool)
+        for start in range(0, p.shape[1], _BONDS):
+            part = slice(start, start + _BONDS)
+            crossed, touches = self._crossed(p[:, part], q[:, part])
+            touch = np.flatnonzero(touches & ~crossed)
             if len(touch):
-                bow = _BOW * np.minimum(self.size[i[bonds[touch]]], self.size[j[bonds[touch]]])
-                out[bonds[touch]] = self._enclosed(p[:, touch], q[:, touch], bow)
+                here = start + touch
+                crossed[touch] = self._enclosed(p[:, here], q[:, here], _BOW * size[here])
+            out[part] = crossed
         return out
 
     def _crossed(self, p: Floats, q: Floats) -> tuple[Bools, Bools]:
@@ -197,7 +204,7 @@ def sight(mesh: Mesh, reach: float, points: Floats | None = None, size: Floats |
     if inside or not len(standing):
         return Sight(points, size, block, boundary, near, np.empty(0, dtype=np.int64))
     inward = _inward(mesh, facets, normal)
-    return Sight(mesh.p + _INSET * size * inward, size, block, boundary, near, _edges(mesh, near))
+    return Sight(mesh.p + INSET * size * inward, size, block, boundary, near, _edges(mesh, near))
 
 
 def _edges(mesh: Mesh, near: Bools) -> Longs:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._types import Basis, Floats
-from ..geometry.layers import distance_to_facets, named_facets
+from ..geometry.layers import named_facets, visible_distance
 from ..geometry.simplices import outward_normals, vertex_sizes, vertex_volumes
 
 # a constant vector, or a function of x (dim, ...) with as many rows
@@ -100,7 +100,8 @@ def traction(basis: Basis, facets: Any, field: Field) -> Floats:
 def layer_share(basis: Basis, facets: Any, width: float) -> Floats:
     """Return what each vertex carries of a unit traction spread over a layer, (nvertices,); the sum is the area.
 
-    The body force is constant through the layer of that width; a vertex near its inner rim counts in part. Shares
+    The body force is constant through the layer of that width, which is what sees the facets: a slit, a notch or a
+    hole ends it. A vertex near its inner rim counts in part. Shares
     are normalised so that the resultant is that of the surface traction exactly.
     """
     mesh = basis.mesh
@@ -108,7 +109,7 @@ def layer_share(basis: Basis, facets: Any, width: float) -> Floats:
         raise ValueError(f"width = {width} of a load layer must be positive")
     facets = named_facets(mesh, facets)
     h = vertex_sizes(mesh)
-    depth = distance_to_facets(mesh, facets, width + 0.5 * float(h.max()))
+    depth = visible_distance(mesh, facets, width + 0.5 * float(h.max()))
     inside = np.clip((width + 0.5 * h - np.minimum(depth, 2.0 * width + h)) / h, 0.0, 1.0)
     share = vertex_volumes(mesh) * inside
     _, area = outward_normals(mesh, facets)

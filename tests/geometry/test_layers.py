@@ -55,6 +55,70 @@ def test_distance_outside_goes_to_edges_and_corners():
     assert gap == pytest.approx(np.sqrt([0.25, 0.5, 0.75]), rel=1e-12)
 
 
+def holed(mesh, outside):
+    """A mesh without the elements whose middle is outside the body."""
+    middle = mesh.p[:, mesh.t].mean(axis=1)
+    return mesh.restrict(np.flatnonzero(~outside(middle)))
+
+
+def flank(mesh, face, axis, at, low=-1.0):
+    """Facets of a flank: boundary facets in a plane, seen from below or above it."""
+    facets = mesh.boundary_facets()
+    normal, _ = outward_normals(mesh, facets)
+    on = np.isclose(mesh.p[axis, mesh.facets[:, facets]], at).all(axis=0) & (normal[axis] * face > 0.9)
+    return facets[on & (mesh.p[axis - 1, mesh.facets[:, facets]].mean(axis=0) > low)]
+
+
+@pytest.mark.parametrize("kind", ["structured", "random"])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_collar_ends_at_a_slit(dim, kind):
+    """The lower face of a slit at half height is seen from below it, and by nothing above."""
+    corners = {2: [[0.0, 0.5], [0.5, 0.5]], 3: [[0, 0, 0.5], [0.5, 0, 0.5], [0.5, 1, 0.5], [0, 1, 0.5]]}
+    n = {2: 16, 3: 8}[dim]
+    if kind == "structured":
+        mesh = grid(*((1.0, n),) * dim)
+    else:
+        mesh = grid(*((1.0, n),) * dim)
+        inner = ((mesh.p > 0.01) & (mesh.p < 0.99)).all(axis=0) & ~np.isclose(mesh.p[-1], 0.5)
+        mesh.p[:, inner] += np.random.default_rng(3).uniform(-0.2 / n, 0.2 / n, (dim, inner.sum()))
+    mesh = slit(mesh, Crack(corners[dim]))
+    halves = [np.zeros(mesh.nvertices, dtype=bool) for _ in range(2)]
+    for half, is_in in zip(halves, (lambda y: y < 0.5, lambda y: y > 0.5), strict=True):
+        half[mesh.t[:, is_in(mesh.p[-1, mesh.t].mean(axis=0))]] = True
+    for face, side, other in ((1.0, *halves), (-1.0, *halves[::-1])):
+        facets = flank(mesh, face, dim - 1, 0.5)
+        assert len(facets) == (n // 2 if dim == 2 else n**2)
+        near = np.isfinite(distance_to_facets(mesh, facets, 0.3))
+        chosen = np.zeros(mesh.nvertices, dtype=bool)
+        chosen[collar(mesh, facets, 0.3)] = True
+        assert np.array_equal(chosen, near & side)  # ahead of the tip a vertex is of both halves
+        assert (near & ~side & other).any()  # the plain distance reaches to the other side
+
+
+@pytest.mark.parametrize("body", ["notch", "hole"])
+def test_a_collar_ends_at_a_notch_and_at_a_hole(body):
+    """The left flank of a gap 0.4 < x < 0.6 is seen from x <= 0.4 alone."""
+    top = 2.0 if body == "notch" else 0.8
+    mesh = holed(grid((1, 20), (1, 20)), lambda x: (abs(x[0] - 0.5) < 0.1) & (x[1] > 0.5) & (x[1] < top))
+    facets = flank(mesh, 1.0, 0, 0.4)
+    assert len(facets) == (10 if body == "notch" else 6)
+    chosen = np.zeros(mesh.nvertices, dtype=bool)
+    chosen[collar(mesh, facets, 0.3)] = True
+    near = np.isfinite(distance_to_facets(mesh, facets, 0.3))
+    assert np.array_equal(chosen, near & (mesh.p[0] < 0.401))
+    assert near.sum() > 1.3 * chosen.sum()
+
+
+def test_a_collar_of_a_facet_inside_the_body_is_on_both_sides():
+    mesh = grid((1, 8), (1, 8))
+    inside = np.flatnonzero(np.isclose(mesh.p[1, mesh.facets], 0.5).all(axis=0))
+    assert len(collar(mesh, inside, 0.125)) == 27
+    mesh = slit(mesh, Crack([[0.0, 0.25], [1.0, 0.25]]))
+    inside = np.flatnonzero(np.isclose(mesh.p[1, mesh.facets], 0.5).all(axis=0))
+    assert len(collar(mesh, inside, 0.25)) == 45
+    assert mesh.p[1, collar(mesh, inside, 0.5)].min() == 0.25
+
+
 def test_collar_and_region():
     mesh = grid((1, 8), (1, 8)).with_defaults().with_subdomains({"low": lambda x: x[1] < 0.25})
     assert len(collar(mesh, "top", 0.25)) == 27

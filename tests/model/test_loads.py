@@ -3,7 +3,7 @@ import pytest
 from skfem import Basis, BoundaryFacetBasis, ElementTriP1, ElementVector, LinearForm
 
 from bodies import box, grid, vector_basis
-from skfem_peridynamics import body_force, interpolate, layer_traction, project, traction
+from skfem_peridynamics import Crack, body_force, interpolate, layer_traction, project, slit, traction
 from skfem_peridynamics.model.loads import layer_share
 
 
@@ -33,6 +33,21 @@ def test_a_layer_carries_exactly_the_traction(dim):
     F = layer_traction(basis, side, np.arange(1.0, dim + 1), width=0.3).reshape(-1, dim)
     assert F.sum(axis=0) == pytest.approx(np.arange(1.0, dim + 1), rel=1e-12)
     assert not F[mesh.p[0] < 0.6].any()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_load_on_one_face_of_a_slit_stays_on_its_side(dim):
+    corners = {2: [[0.0, 0.5], [0.5, 0.5]], 3: [[0, 0, 0.5], [0.5, 0, 0.5], [0.5, 1, 0.5], [0, 1, 0.5]]}
+    mesh = slit(grid(*((1.0, 8),) * dim), Crack(corners[dim]))
+    faces = mesh.boundaries["slit"]
+    lower = faces[mesh.p[-1, mesh.t[:, mesh.f2t[0, faces]]].mean(axis=0) < 0.5]
+    t = np.arange(1.0, dim + 1)
+    load = layer_traction(vector_basis(mesh), lower, t, width=0.25).reshape(-1, dim)
+    assert load.sum(axis=0) == pytest.approx(0.5 * t, rel=1e-12)
+    above = np.ones(mesh.nvertices, dtype=bool)
+    above[mesh.t[:, mesh.p[-1, mesh.t].mean(axis=0) < 0.5]] = False
+    assert above.sum() > 9 * 4
+    assert not load[above].any()
 
 
 def test_a_layer_is_a_constant_body_force_deep_inside_it():
