@@ -11,7 +11,11 @@ import numpy as np
 
 from .._compile import on_arrays, scalar
 from .._types import Floats
-from .potential import Exponential, Linear, Potential, Rational
+from .potential import Exponential, Linear, Potential, Rational, bend_of
+from .tension_only import TensionOnly
+
+# where a law is compared with its derivatives, times f_inf / f'(0): at no round number, where a law may change its form
+_SAMPLES = np.array([1.037e-3, 0.0313, 0.1037, 0.313, 0.7131, 1.037, 1.731, 3.137, 9.731])
 
 
 @dataclass(frozen=True)
@@ -137,7 +141,7 @@ def own_potential(law: Any) -> Potential:
     Raises
     ------
     ValueError
-        When ``f(0)`` is not 0, ``f'(0)`` is not positive or ``df`` is not the derivative of f.
+        When ``f(0)`` is not 0, ``f'(0)`` is not positive, or ``df`` or ``d2f`` is no derivative of what it should be.
 
     Examples
     --------
@@ -146,23 +150,67 @@ def own_potential(law: Any) -> Potential:
     >>> round(law.slope, 12), round(law.limit, 6), round(law.inflection**2, 6)          # 1, 1 and 1 / (2 b)
     (1.0, 1.0, 0.5)
     """
-    zero = np.zeros(1)
-    slope = float(np.asarray(law.df(zero))[0])
-    if abs(float(np.asarray(law.f(zero))[0])) > 0.0:
-        raise ValueError(f"potential {law!r}: f(0) = {float(np.asarray(law.f(zero))[0]):g} must be 0")
-    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        far = np.asarray(law.f(np.array([1e12, 1e15])), dtype=float)
-    bounded = np.isfinite(far).all() and far[1] <= far[0] * (1.0 + 1e-6)
-    wrapped = Own(slope=slope, limit=float(far[1]) if bounded else float("inf"), law=law)
-    q = wrapped._scale**2 * np.array([0.1, 1.0])
-    step = 1e-5 * q
-    difference = (wrapped.f(q + step) - wrapped.f(q - step)) / (2 * step)
-    if not np.allclose(difference, wrapped.df(q), rtol=1e-5, atol=1e-7 * slope):
-        raise ValueError(
-            f"potential {law!r}: df is not the derivative of f (at q = {q[0]:g}: {wrapped.df(q)[0]:g}, "
-            f"difference quotient {difference[0]:g})"
-        )
+    slope = float(np.asarray(law.df(np.zeros(1)), dtype=float)[0])
+    if not (np.isfinite(slope) and slope > 0.0):
+        raise ValueError(f"potential {law!r}: f'(0) = {slope:g} must be positive and finite")
+    wrapped = Own(slope=slope, limit=_limit_of(law.f, slope), law=law)
+    check_law(wrapped, repr(law))
     return wrapped
+
+
+def _limit_of(f: Callable[[Floats], Floats], slope: float) -> float:
+    """``f_inf``, infinite where f goes on growing."""
+    bend = bend_of(f, slope)
+    if not np.isfinite(bend):
+        return float("inf")
+    with np.errstate(all="ignore"):
+        near, far = (float(value) for value in np.asarray(f(bend * np.array([1e12, 1e15])), dtype=float))
+    return far if np.isfinite(near) and near > 0.0 and abs(far - near) <= 1e-6 * near else float("inf")
+
+
+def check_law(law: Potential, name: str = "") -> None:
+    """Raise ``ValueError`` for a law whose ``df``, ``d2f``, slope or limit are not those of its ``f``.
+
+    >>> class Steep(Rational):
+    ...     def df(self, q):
+    ...         return 2.0 * super().df(q)
+    >>> check_law(Steep(8.0, 2.0), "Steep")
+    Traceback (most recent call last):
+    ValueError: potential Steep: its slope is given as 8 and df(0) is 16
+    """
+    if type(law) in (Exponential, Rational, Linear):
+        return
+    if isinstance(law, TensionOnly):
+        check_law(law.law, name)
+        return
+    name = name or type(law).__name__
+    zero = np.zeros(1)
+    if abs(float(law.f(zero)[0])) > 0.0:
+        raise ValueError(f"potential {name}: f(0) = {float(law.f(zero)[0]):g} must be 0")
+    at_zero = float(law.df(zero)[0])
+    if not abs(at_zero - law.slope) <= 1e-6 * law.slope:
+        raise ValueError(f"potential {name}: its slope is given as {law.slope:g} and df(0) is {at_zero:g}")
+    scale = law._scale**2
+    if np.isfinite(law.limit):
+        with np.errstate(all="ignore"):
+            far = float(law.f(np.array([1e12 * scale]))[0])
+        if not abs(far - law.limit) <= 1e-4 * law.limit:
+            raise ValueError(f"potential {name}: its f_inf is given as {law.limit:g} and f goes to {far:g}")
+    q = scale * _SAMPLES
+    step = 1e-4 * q
+    pairs = [("df", "f", law.f, law.df(q), law.slope)]
+    if type(law).d2f is not Potential.d2f:
+        pairs.append(("d2f", "df", law.df, law.d2f(q), law.slope / scale))
+    for derivative, of, function, given, unit in pairs:
+        difference = (function(q + step) - function(q - step)) / (2.0 * step)
+        # what a centred difference with that step leaves of a smooth law, and the rounding of the function
+        wrong = np.flatnonzero(~(np.abs(difference - given) <= 1e-5 * np.abs(given) + 1e-6 * unit))
+        if len(wrong):
+            k = wrong[0]
+            raise ValueError(
+                f"potential {name}: {derivative} is not the derivative of {of} (at q = {q[k]:g}: {given[k]:g}, "
+                f"difference quotient {difference[k]:g})"
+            )
 
 
 NAMED: dict[str, Callable[[float, float], Potential]] = {
@@ -186,6 +234,12 @@ def make_potential(potential: Any, slope: float, limit: float) -> Potential:
         raise ValueError(f"potential = {potential!r} must be a name or a callable (slope, limit) -> law")
     law = potential(slope, limit)
     own = law if isinstance(law, Potential) else own_potential(law)
-    if not np.isclose(own.slope, slope, rtol=1e-6):
+    check_law(own)
+    if not abs(own.slope - slope) <= 1e-6 * slope:
         raise ValueError(f"potential {potential!r} was asked for f'(0) = {slope:g} and gives {own.slope:g}")
+    if np.isfinite(limit) and not abs(own.limit - limit) <= 1e-4 * limit:
+        raise ValueError(
+            f"potential {potential!r} was asked for f_inf = {limit:g} and gives {own.limit:g}: "
+            "the toughness would be another than that of the material"
+        )
     return own

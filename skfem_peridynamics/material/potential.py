@@ -6,6 +6,7 @@ A bond of length r and strain S stores ``f(r S^2)``. With the scaled strain ``T 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from math import factorial
@@ -15,6 +16,7 @@ import numpy as np
 from .._types import Floats
 
 _LARGEST = 1e300  # that is squared nowhere
+_LARGEST_BEND = 1e280  # of a law that bends over at all
 
 
 @dataclass(frozen=True)
@@ -251,21 +253,44 @@ class Potential:
         """``C1..C4``, the suprema of ``|F1'| .. |F1''''|`` (paper, before eq. 2.20), found numerically."""
         from scipy.interpolate import make_interp_spline
 
-        T = self._scale * np.linspace(-0.5, 12.0, 6001)
-        second = make_interp_spline(T, self.hessian(T), k=7)
-        inner = T[40:-40]
-        third, fourth = second.derivative(1)(inner), second.derivative(2)(inner)
+        # in units of the scale: knots of 1e-7 would leave a spline of degree 7 no digits
+        x = np.linspace(-0.5, 12.0, 6001)
+        second = make_interp_spline(x, self.hessian(self._scale * x) / self.slope, k=7)
+        inner = x[40:-40]
+        third, fourth = (self.slope * second.derivative(n)(inner) / self._scale**n for n in (1, 2))
+        T = self._scale * inner
         return (
-            float(np.abs(self.gradient(inner)).max()),
-            float(np.abs(self.hessian(inner)).max()),
+            float(np.abs(self.gradient(T)).max()),
+            float(np.abs(self.hessian(T)).max()),
             float(np.abs(third).max()),
             float(np.abs(fourth).max()),
         )
 
-    @property
+    @cached_property
     def _scale(self) -> float:
-        """The T at which ``f'(0) T^2`` reaches ``f_inf`` (1 for a law without a limit)."""
-        return 1.0 / np.sqrt(self.b) if np.isfinite(self.limit) else 1.0
+        """The T at which ``f'(0) T^2`` reaches ``f_inf``; without a limit, where f falls to half of it (1 if never)."""
+        if np.isfinite(self.limit):
+            return float(1.0 / np.sqrt(self.b))
+        bend = bend_of(self.f, self.slope)
+        return float(np.sqrt(bend)) if np.isfinite(bend) else 1.0
+
+
+def bend_of(f: Callable[[Floats], Floats], slope: float) -> float:
+    """Return the q, to a factor of 2, from which on ``f(q)`` is less than half of ``f'(0) q``; infinity if never.
+
+    >>> bend_of(lambda q: np.tanh(1e9 * q), 1e9) * 1e9 < 4.0
+    True
+    """
+    with np.errstate(all="ignore"):
+        # from above: near 0 a law may have lost its digits, as 1 - exp(-q) has; far out it may overflow
+        for q in (2.0 ** np.arange(960, -960, -1)).tolist():
+            try:
+                value = float(np.asarray(f(np.array([q])), dtype=float)[0])
+            except ArithmeticError:
+                continue
+            if value >= 0.5 * slope * q:
+                return 2.0 * q if q < _LARGEST_BEND else float("inf")
+    return float("inf")
 
 
 @dataclass(frozen=True)

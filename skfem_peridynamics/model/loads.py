@@ -7,8 +7,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse as sparse
 
-from .._types import Basis, Floats
+from .._types import Basis, Csr, Floats, Mesh
 from ..geometry.layers import named_facets, visible_distance
 from ..geometry.simplices import outward_normals, vertex_sizes, vertex_volumes
 
@@ -85,16 +86,25 @@ def traction(basis: Basis, facets: Any, field: Field) -> Floats:
     >>> float(traction(basis, "right", [3.0, 0.0]).sum())
     3.0
     """
-    mesh = basis.mesh
+    out: Floats = facet_mass(basis.mesh, facets) @ _at(field, basis.mesh.p, "traction").T
+    return out.ravel()
+
+
+def facet_mass(mesh: Mesh, facets: Any) -> Csr:
+    """Return ``int phi_i phi_j ds`` over a set of boundary facets, (nvertices, nvertices): exact for P1 tractions.
+
+    >>> import skfem
+    >>> mesh = skfem.MeshTri().with_defaults()
+    >>> facet_mass(mesh, "right").toarray()[1:4:2, 1:4:2].round(6).tolist()
+    [[0.333333, 0.166667], [0.166667, 0.333333]]
+    """
     facets = named_facets(mesh, facets)
     _, area = outward_normals(mesh, facets)
     corners = mesh.facets[:, facets]
-    # P1 on a facet: exact for a linear traction
-    t = _at(field, mesh.p[:, corners], "traction")
-    k = corners.shape[0]
-    weighted = area / (k * (k + 1)) * (t + t.sum(axis=1, keepdims=True))
-    out = [np.bincount(corners.ravel(), component.ravel(), mesh.nvertices) for component in weighted]
-    return np.stack(out, axis=1).astype(float, copy=False).ravel()
+    k = len(corners)
+    values = area / (k * (k + 1)) * (1.0 + np.eye(k))[:, :, None]
+    rows, columns = np.broadcast_arrays(corners[:, None], corners[None])
+    return sparse.csr_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=(mesh.nvertices,) * 2)
 
 
 def layer_share(basis: Basis, facets: Any, width: float) -> Floats:

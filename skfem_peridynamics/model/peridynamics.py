@@ -22,6 +22,7 @@ from ..engine.engine import Engine, make_engine
 from ..engine.threads import Threads
 from ..material.composite import Composite
 from ..material.material import Elastic, Material, crossing
+from ..material.own_law import check_law
 from ..material.potential import Linear, Potential
 from .bond_laws import laws_of_bonds
 
@@ -95,6 +96,8 @@ class Peridynamics:
                 f"material = {self.material!r} must be a Material, a Composite or a Potential; "
                 "own_potential(law) makes one of your own law"
             )
+        if isinstance(self.material, Potential):
+            check_law(self.material)
 
     def with_(self, **changes: Any) -> Peridynamics:
         """Return a copy with other bonds, another material, no-fail vertices or threads.

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import skfem
 
-from skfem_peridynamics import Scene
+from skfem_peridynamics import Scene, traction
 from skfem_peridynamics.app.cli.main import main
+from skfem_peridynamics.app.problem.problem import Problem
 from skfem_peridynamics.app.scene.reading import SceneError
 from small_scenes import GOOD, change, complaint
 
@@ -296,8 +297,6 @@ def test_the_same_dataclasses_are_the_python_interface():
 
 
 def test_time_dependent_loads_and_motions_agree_with_the_library():
-    from skfem_peridynamics.app.problem.problem import Problem
-
     content = change('[0, 0.01], on = "top", layer = 0.13', '[0, "0.01*cos(3*t)*x"], on = "top"').replace(
         "displacement = 0}", 'velocity = "t*y"}'
     )
@@ -331,3 +330,21 @@ def test_one_vertex_per_horizon_is_noted(tmp_path, caplog, capsys):
     (tmp_path / "scene.toml").write_text(change("horizon = 0.13", "horizon = 0.065"))
     assert main(["check", str(tmp_path / "scene.toml")]) == 0
     assert "bonds.horizon = 0.065 spans 1 vertices" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "how", ['traction = [{}, 0], on = "right"', 'traction = [{}, 0], on = "right", layer = 0.2', "body = [{}, 0]"]
+)
+def test_a_load_is_the_same_whether_its_formula_names_the_time_or_not(how):
+    """Both are sums of the field at the vertices; on facets that is exact for linear tractions."""
+    loads = []
+    for formula in ("y^2", "y^2 + 0*t"):
+        content = change('traction = [0, 0.01], on = "top", layer = 0.13', how.format(f'"{formula}"'))
+        problem = Problem(Scene.parse(content))
+        loads.append(problem.load(0.7))
+    assert np.abs(loads[0]).max() > 0.0
+    assert loads[1] == pytest.approx(loads[0], rel=1e-13, abs=1e-18)
+    if "layer" not in how and "body" not in how:
+        exact = traction(problem.full_basis, "right", lambda x: np.stack([x[1] ** 2, 0 * x[1]]))
+        exact += traction(problem.full_basis, "bottom", [0.0, -0.01])
+        assert loads[1] == pytest.approx(exact, rel=1e-13, abs=1e-18)

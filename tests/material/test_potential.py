@@ -1,9 +1,13 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from skfem_peridynamics import Exponential, Linear, Rational, own_potential
+from bodies import body_on, box
+from skfem_peridynamics import Exponential, Linear, Material, Rational, own_potential
 from skfem_peridynamics.material.own_law import make_potential
 from skfem_peridynamics.material.potential import Potential
+from skfem_peridynamics.material.tension_only import TensionOnly
 
 LAWS = [
     Exponential(8.0, 2.0),
@@ -93,6 +97,69 @@ def test_own_law_that_lies_is_refused():
 
     with pytest.raises(ValueError, match=r"f\(0\) = 1 must be 0"):
         own_potential(Shifted())
+
+    class Bent(Cubic):
+        def d2f(self, q):
+            return -2.9 * q * (1 + q**2) ** -2.5
+
+    with pytest.raises(ValueError, match="d2f is not the derivative of df"):
+        own_potential(Bent())
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_own_law_in_any_units(unit):
+    """Its limit and its suprema follow the units: C_n is ``f_inf b^(n/2)`` times a number of its shape."""
+
+    def own(law):
+        return own_potential(SimpleNamespace(f=law.f, df=law.df, d2f=law.d2f))
+
+    for kind in (Exponential, Rational):
+        law = kind(2.0 * unit, 0.5 / unit)
+        assert own(law).limit == pytest.approx(0.5 / unit, rel=1e-9)
+        assert own(law).suprema == pytest.approx(law.suprema, rel=1e-4)
+    growing = own_potential(
+        SimpleNamespace(
+            f=lambda q: np.log1p(unit * q),
+            df=lambda q: unit / (1 + unit * q),
+            d2f=lambda q: -((unit / (1 + unit * q)) ** 2),
+        )
+    )
+    assert growing.limit == np.inf
+    # F1'' = 2 b (1 - b T^2) / (1 + b T^2)^2
+    assert growing.inflection == pytest.approx(unit**-0.5, rel=1e-9)
+    assert growing.suprema[1] == pytest.approx(2.0 * unit, rel=1e-4)
+
+
+class Strong(Exponential):
+    """Its f goes to three times the limit that it is given."""
+
+    def f(self, q):
+        return 3.0 * Exponential(self.slope / 3.0, self.limit).f(q)
+
+    def df(self, q):
+        return 3.0 * Exponential(self.slope / 3.0, self.limit).df(q)
+
+    def d2f(self, q):
+        return 3.0 * Exponential(self.slope / 3.0, self.limit).d2f(q)
+
+
+def test_a_law_with_another_limit_than_asked_is_refused():
+    """Else the toughness of the material would be another, without a word."""
+    with pytest.raises(ValueError, match="its f_inf is given as 0.5 and f goes to 1.5"):
+        make_potential(Strong, 2.0, 0.5)
+    with pytest.raises(ValueError, match="its f_inf is given as 0.5 and f goes to 1.5"):
+        body_on(box(1, 8), 0.3, Strong(2.0, 0.5))
+    with pytest.raises(ValueError, match="its f_inf is given as 0.5 and f goes to 1.5"):
+        body_on(box(1, 8), 0.3, TensionOnly.of(Strong(2.0, 0.5)))
+    with pytest.raises(ValueError, match=r"was asked for f_inf = 0.5 and gives 1.5: the toughness"):
+        make_potential(lambda slope, limit: Exponential(slope, 3.0 * limit), 2.0, 0.5)
+    with pytest.raises(ValueError, match=r"was asked for f_inf = 0.5 and gives inf"):
+        make_potential(lambda slope, limit: Linear(slope), 2.0, 0.5)
+    material = Material.from_elastic(
+        young=1.0, toughness=1.0, density=1.0, potential=lambda slope, limit: Rational(slope, 3.0 * limit)
+    )
+    with pytest.raises(ValueError, match="the toughness would be another"):
+        _ = body_on(box(1, 8), 0.3, material).laws
 
 
 def test_make_potential():

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy.sparse as sparse
 
-from ..._types import Basis, Floats, Load, Mesh
-from ...geometry.layers import named_facets
+from ..._types import Basis, Csr, Floats, Load, Mesh
 from ...geometry.simplices import vertex_volumes
-from ...model.loads import layer_share, traction
+from ...model.loads import facet_mass, layer_share
 from ...solve.constraints import Prescribed, check_fixed
 from ..scene.formula import Formula
 from ..scene.reading import SceneError, blame
@@ -47,7 +47,7 @@ def load(scene: Scene, basis: Basis) -> Load | None:
     """Return the load vector as a function of time, or None where the scene has none."""
     mesh = basis.mesh
     constant = np.zeros(basis.N)
-    moving: list[tuple[Floats, tuple[Formula, ...]]] = []
+    moving: list[tuple[Csr, tuple[Formula, ...]]] = []
     p = mesh.p
     for k, table in enumerate(scene.load):
         path = f"load[{k}]"
@@ -57,13 +57,11 @@ def load(scene: Scene, basis: Basis) -> Load | None:
         _components(mesh, vector, name)
         with blame(name):
             first = np.stack([f(p, 0.0) for f in vector])
+        spread = _spread(basis, table, path)
         if any(f.uses("t") for f in vector):
-            moving.append((_share(basis, table, path), vector))
-        elif table.traction is not None and table.layer is None:
-            with blame(path):
-                constant += _traction(basis, table.on, first)
+            moving.append((spread, vector))
         else:
-            constant += (_share(basis, table, path) * first).T.ravel()
+            constant += (spread @ first.T).ravel()
     if not scene.load:
         return None
     if not moving:
@@ -71,27 +69,21 @@ def load(scene: Scene, basis: Basis) -> Load | None:
 
     def at(t: float) -> Floats:
         total = constant.copy()
-        for share, vector in moving:
-            total += (share * np.stack([f(p, t) for f in vector])).T.ravel()
+        for spread, vector in moving:
+            total += (spread @ np.stack([f(p, t) for f in vector]).T).ravel()
         return total
 
     return at
 
 
-def _traction(basis: Basis, on: str | None, values: Floats) -> Floats:
-    mesh = basis.mesh
-    return traction(basis, on, lambda x: values[:, mesh.facets[:, named_facets(mesh, on)]])
-
-
-def _share(basis: Basis, table: LoadTable, path: str) -> Floats:
-    """What each vertex carries of a unit load: volume, area, or a part of a layer."""
+def _spread(basis: Basis, table: LoadTable, path: str) -> Csr:
+    """The load of a field by its values at the vertices, (nvertices, nvertices): over the body, a layer or facets."""
     if table.body is not None:
-        return vertex_volumes(basis.mesh)
-    if table.layer is not None:
-        with blame(path):
-            return layer_share(basis, table.on, table.layer)
+        return sparse.diags_array(vertex_volumes(basis.mesh)).tocsr()
     with blame(path):
-        return traction(basis, table.on, np.eye(basis.mesh.dim())[0])[:: basis.mesh.dim()]
+        if table.layer is not None:
+            return sparse.diags_array(layer_share(basis, table.on, table.layer)).tocsr()
+        return facet_mass(basis.mesh, table.on)
 
 
 def _components(mesh: Mesh, vector: tuple[Formula, ...], path: str) -> None:
