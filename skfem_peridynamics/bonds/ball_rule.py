@@ -1,27 +1,31 @@
 """The ball rule: from every outer point the same product rule of the ball, along rays through the mesh.
 
-The number of bonds does not depend on how many vertices the horizon spans. Rays that end at the boundary, a slit or a
-hole carry a rule of their own on what is left of them.
+The number of bonds is that of the rule, whatever the mesh, or follows how many vertices the horizon spans. Rays that
+end at the boundary, a slit or a hole carry a rule of their own on what is left of them.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 
 from .._types import Floats, Ints, Longs, Mesh
 from ..geometry.rays import Tracer
-from ..geometry.simplices import describe_point, vertex_volumes
+from ..geometry.simplices import describe_point, vertex_sizes, vertex_volumes
 from ..material.influence import Influence
 from . import rule as bond_parts
 from .ball_bonds import BallBonds, BallStencil
 from .neighbours import curve_order
-from .quadrature import half_sphere, radial_rule
+from .quadrature import half_sphere, largest_half_sphere, radial_rule
 from .rule import Part
-from .samples import Samples, gauss_samples, vertex_samples
+from .samples import Samples, gauss_count, gauss_samples, vertex_samples
 
+_FEWEST = (3, 8)  # nodes and directions of a rule that follows the mesh
+_ROUNDING = 1e-6
 _LOOSE = 1e-6  # of the median stiffness of a vertex and its volume: less is no stiffness
 
 
@@ -35,49 +39,101 @@ class BallRule:
     acts on x only, radial weight ``J(s) s^(d-1)``. It is accurate on any mesh but is the gradient of no energy.
     With vertices outside it is the paper's strong form, by collocation.
 
+    What is not given follows the mesh, so that the rule converges with it: with ``m`` the horizon over the median size
+    of a vertex, ``3/4 m`` nodes, at least 3, and ``2 m`` directions in 2D, ``0.8 m^2`` in 3D, at least 8. Bonds of an
+    outer point then grow with ``m`` in 1D, ``m^2`` in 2D, ``m^3`` in 3D, as vertex pairs do: 24 at ``m = 4`` in 2D,
+    96 at 8, 216 at 12. Counts that are given stay: a cost that does not grow, and an error that does not fall any more.
+
     Parameters
     ----------
-    radial : int
+    radial : int or None
         Nodes on each ray.
-    angular : int
+    angular : int or None
         Directions of half the ball: equispaced in 2D, in 3D the smallest Lebedev rule of positive weights with so
         many (8 gives 13), one in 1D.
     outer : {"gauss", "vertices"}
-        The outer points: Gauss points of order 2, for the weak form with consistent mass, or vertices, with lumped
-        mass.
+        The outer points: Gauss points, for the weak form with consistent mass, or vertices, with lumped mass.
     symmetric : bool
         Whether it samples the energy.
+    order : int
+        Order of the Gauss points, at least this, 2 to 12: there are 2, 3, 4 of them an element at order 2 (line,
+        triangle, tetrahedron), 3, 6, 14 at order 4 and 4, 12, 15 at order 6, and bonds as many times.
 
     Raises
     ------
     ValueError
-        For counts below 1 or another ``outer``.
+        For counts below 1, another ``outer`` or another ``order``.
 
     Examples
     --------
     >>> BallRule(radial=3, angular=8, outer="vertices").name
     'ball 3 x 8, vertices outside'
+    >>> import skfem
+    >>> BallRule().fitted(skfem.MeshTri().refined(5), horizon=0.25).name       # m = 8
+    'ball 6 x 16, Gauss points outside'
     """
 
-    radial: int = 3
-    angular: int = 8
+    radial: int | None = None
+    angular: int | None = None
     outer: str = "gauss"
     symmetric: bool = True
+    order: int = 2
 
     def __post_init__(self) -> None:
         for name in ("radial", "angular"):
             value = getattr(self, name)
+            if value is None:
+                continue
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
                 raise ValueError(f"{name} = {value!r} must be a whole number, at least 1")
         if not isinstance(self.symmetric, bool):
             raise ValueError(f"symmetric = {self.symmetric!r} must be True or False")
         if self.outer not in ("gauss", "vertices"):
             raise ValueError(f'outer = {self.outer!r} must be "gauss" or "vertices"')
+        if isinstance(self.order, bool) or self.order not in range(2, 13):
+            raise ValueError(f"order = {self.order!r} of the Gauss points must be a whole number from 2 to 12")
+        if self.order != 2 and self.outer == "vertices":
+            raise ValueError(f'order = {self.order} goes with outer = "gauss"')
 
     @property
     def name(self) -> str:
         outer = "Gauss points" if self.outer == "gauss" else "vertices"
-        return f"ball {self.radial} x {self.angular}{'' if self.symmetric else ', one-sided'}, {outer} outside"
+        order = f" of order {self.order}" if self.order != 2 else ""
+        counts = [str(count) for count in (self.radial, self.angular) if count is not None]
+        side = "" if self.symmetric else ", one-sided"
+        return f"ball {' x '.join(counts) if len(counts) == 2 else 'of the mesh'}{side}, {outer}{order} outside"
+
+    def fitted(self, mesh: Mesh, horizon: float) -> BallRule:
+        """Return the rule with the counts that a mesh asks for.
+
+        Parameters
+        ----------
+        mesh : skfem.Mesh
+            Lines, triangles or tetrahedra.
+        horizon : float
+            A length.
+
+        Returns
+        -------
+        BallRule
+            The rule, both counts given.
+        """
+        if self.radial is not None and self.angular is not None:
+            return self
+        dim = int(mesh.dim())
+        m = horizon / float(np.median(vertex_sizes(mesh)))
+        # a mesh of 4 vertices per horizon is at 4 to the last bits only
+        radial = max(_FEWEST[0], ceil(0.75 * m - _ROUNDING))
+        angular = max(_FEWEST[1], ceil((2.0 * m if dim == 2 else 0.8 * m * m) - _ROUNDING)) if dim > 1 else 1
+        if dim == 3:
+            angular = min(angular, largest_half_sphere())
+        return dataclasses.replace(self, radial=self.radial or radial, angular=self.angular or angular)
+
+    def _counts(self) -> tuple[int, int]:
+        """Both counts. Raises ``ValueError`` where they follow a mesh."""
+        if self.radial is None or self.angular is None:
+            raise ValueError(f"rule = {self.name}: its counts follow the mesh; rule.fitted(mesh, horizon) has them")
+        return self.radial, self.angular
 
     def samples(self, mesh: Mesh) -> Samples:
         """Return the outer points and, for the far ends, the vertices.
@@ -92,7 +148,9 @@ class BallRule:
         Samples
             The points where the rule reads the displacement.
         """
-        return gauss_samples(mesh, with_vertices=True) if self.outer == "gauss" else vertex_samples(mesh)
+        if self.outer == "vertices":
+            return vertex_samples(mesh)
+        return gauss_samples(mesh, with_vertices=True, order=self.order)
 
     def directions(self, dim: int) -> tuple[Floats, Floats]:
         """Return the directions (n, dim) of the rays and their weights (n,).
@@ -109,7 +167,7 @@ class BallRule:
         weights : ndarray, (n,)
             Their shares of the sphere.
         """
-        e, w = half_sphere(dim, self.angular)
+        e, w = half_sphere(dim, self._counts()[1])
         return (e, w) if self.symmetric else (np.concatenate([e, -e]), np.concatenate([w, w]))
 
     def estimate(self, mesh: Mesh, horizon: float) -> int:
@@ -127,9 +185,11 @@ class BallRule:
         int
             Number of bonds.
         """
-        dim = int(mesh.dim())
-        sites = int(mesh.nvertices) if self.outer == "vertices" else int(mesh.nelements) * (2, 3, 4)[dim - 1]
-        return sites * self.radial * len(self.directions(dim)[0])
+        rule = self.fitted(mesh, horizon)
+        sites = int(mesh.nvertices)
+        if self.outer == "gauss":
+            sites = int(mesh.nelements) * gauss_count(mesh, self.order)
+        return sites * rule._counts()[0] * len(rule.directions(int(mesh.dim()))[0])
 
     def parts(self, mesh: Mesh, samples: Samples, horizon: float, influence: Influence) -> list[Part]:
         """Return the bonds, by site, direction and node.
@@ -155,6 +215,8 @@ class BallRule:
         ValueError
             When there are too few directions to hold a vertex, at a corner of the body for example.
         """
+        if self.radial is None or self.angular is None:
+            return self.fitted(mesh, horizon).parts(mesh, samples, horizon, influence)
         dim = int(mesh.dim())
         directions, angle = self.directions(dim)
         nodes, radial = (
@@ -200,10 +262,10 @@ class BallRule:
     def _radial(self, dim: int, influence: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
         """Nodes and weights of the plain integral of ``s^(d-1)`` over a ray; the rule itself holds ``J s^power``."""
         power = dim if self.symmetric else dim - 1
-        s, W = radial_rule(influence, power, self.radial)
+        s, W = radial_rule(influence, power, self._counts()[0])
         J = influence(s)
         if not J.min() > 0.0:  # a node where J vanishes would lose its share: take the rule for s^power, J comes later
-            s, W = radial_rule(np.ones_like, power, self.radial)
+            s, W = radial_rule(np.ones_like, power, self._counts()[0])
             J = np.ones_like(s)
         return s, W * s ** (dim - 1 - power) / J
 

@@ -95,6 +95,17 @@ def half_sphere(dim: int, at_least: int) -> tuple[Floats, Floats]:
     return np.ascontiguousarray(e[:, upper].T), w[upper]
 
 
+def largest_half_sphere() -> int:
+    """Return the number of directions of the largest rule in 3D.
+
+    >>> largest_half_sphere()
+    175
+    """
+    from scipy.integrate import lebedev_rule
+
+    return int(lebedev_rule(max(_LEBEDEV))[0].shape[1]) // 2
+
+
 def _turn(a: float, b: float, c: float) -> Floats:
     """The rotation by a about x, then b about y, then c about z."""
     ca, sa, cb, sb, cc, sc = np.cos(a), np.sin(a), np.cos(b), np.sin(b), np.cos(c), np.sin(c)

@@ -94,6 +94,32 @@ def vertex_samples(mesh: Mesh) -> Samples:
     )
 
 
+def gauss_rule(mesh: Mesh, order: int) -> tuple[Floats, Floats]:
+    """Return scikit-fem's rule of an element, of the order or the next one whose weights are all positive.
+
+    >>> import skfem
+    >>> [gauss_rule(skfem.MeshTri(), order)[0].shape[1] for order in (2, 3, 4, 6)]     # its order 3 has a negative one
+    [3, 6, 6, 12]
+    """
+    from skfem.quadrature import get_quadrature
+
+    while True:
+        X, W = get_quadrature(mesh.elem, order)
+        if W.min() > 0.0:
+            return X, W
+        order += 1
+
+
+def gauss_count(mesh: Mesh, order: int) -> int:
+    """Return how many Gauss points of an order an element has.
+
+    >>> import skfem
+    >>> gauss_count(skfem.MeshTet(), 2)
+    4
+    """
+    return int(gauss_rule(mesh, order)[0].shape[1])
+
+
 def gauss_samples(mesh: Mesh, with_vertices: bool, order: int = 2) -> Samples:
     """Return scikit-fem's Gauss points of an order as outer points, and the vertices among the samples if asked.
 
@@ -104,9 +130,7 @@ def gauss_samples(mesh: Mesh, with_vertices: bool, order: int = 2) -> Samples:
     >>> s.nsamples, len(s.sites), round(float(s.volume.sum()), 12)
     (10, 6, 1.0)
     """
-    from skfem.quadrature import get_quadrature
-
-    X, W = get_quadrature(mesh.elem, order)
+    X, W = gauss_rule(mesh, order)
     dim, ngauss = X.shape
     nelements, nvertices = int(mesh.nelements), int(mesh.nvertices)
     points, vertices, values, volume = _in_elements(mesh, X, W, np.arange(nelements))

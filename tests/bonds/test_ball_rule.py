@@ -1,6 +1,7 @@
 """The ball rule: its quadrature, what it integrates exactly, what it costs, one-sided forces, toughness."""
 
 import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -28,6 +29,11 @@ from skfem_peridynamics import (
 )
 from skfem_peridynamics.bonds.moment_targets import moment_targets
 from skfem_peridynamics.bonds.quadrature import half_sphere, radial_rule
+from skfem_peridynamics.geometry.boxes import unit_box
+from skfem_peridynamics.model.discretisation import Discretisation
+from skfem_peridynamics.study.known_motion import law_of
+from skfem_peridynamics.study.measure import prepare
+from skfem_peridynamics.study.standing_wave import StandingWave
 
 
 @pytest.mark.parametrize("influence", [constant, conical, gaussian(0.4)], ids=lambda J: J.name)
@@ -377,3 +383,95 @@ def test_materials_and_no_fail_on_ball_bonds():
     corner = Peridynamics(bonds, glass, no_fail=[0])
     assert soft.energy(u) < corner.energy(u) < spared.energy(u)
     assert moment_targets(bonds).exact_four.sum() > 0
+
+
+# ---- a rule that follows the mesh
+@pytest.mark.parametrize(
+    ("dim", "per_horizon", "name"),
+    [
+        *[(1, 2, "3 x 1"), (1, 4, "3 x 1"), (1, 32, "24 x 1")],
+        *[(2, 2, "3 x 8"), (2, 4, "3 x 8"), (2, 8, "6 x 16"), (2, 12, "9 x 24")],
+        *[(3, 2, "3 x 8"), (3, 4, "3 x 13"), (3, 8, "6 x 52")],
+    ],
+)
+def test_the_default_follows_the_mesh(dim, per_horizon, name):
+    mesh = box(dim, 4)
+    assert BallRule().fitted(mesh, per_horizon / 4).name == f"ball {name}, Gauss points outside"
+    assert BallRule(2).fitted(mesh, per_horizon / 4).radial == 2
+    assert BallRule(angular=5).fitted(mesh, per_horizon / 4).angular == 5
+    given = BallRule(3, 8)
+    assert given.fitted(mesh, per_horizon / 4) is given
+
+
+def test_an_estimate_of_the_default_is_what_it_makes():
+    mesh = box(2, 8)
+    for horizon in (0.25, 1.0):
+        bonds = BondBasis(vector_basis(mesh), horizon, rule=BallRule())
+        assert bonds.rule.estimate(mesh, horizon) == sum(part.nbonds for part in bonds.parts)
+    with pytest.raises(ValueError, match="its counts follow the mesh"):
+        BallRule().directions(2)
+
+
+def wave_error(kind, per_horizon, rule=None):
+    """Relative L2 error of a standing wave in 1D, whose exact motion comes from the dispersion relation."""
+    motion = StandingWave(1, 0.125, law_of(1, 0.125, True), 0.4)
+    setup = prepare(motion, unit_box(1, 8 * per_horizon, kind), Discretisation(rule or BallRule(), balanced=True))
+    shape = setup.basis.project(motion.at)
+    off = setup.run(0.03 * setup.limit.dt)[0].u - motion.g(motion.until) * shape
+    return float(np.sqrt(off @ (setup.M @ off) / (shape @ (setup.M @ shape))))
+
+
+@pytest.mark.parametrize("kind", ["regular", "graded"])
+def test_the_default_converges_at_a_fixed_horizon(kind):
+    sizes = np.array([2, 4, 8, 16, 32])
+    errors = [wave_error(kind, m) for m in sizes]
+    print(kind, [f"{error:.1e}" for error in errors])
+    assert -np.polyfit(np.log(sizes), np.log(errors), 1)[0] > 1.8
+    # three nodes on a ray are the same integral at every size, and their error stays
+    fixed = [wave_error(kind, m, BallRule(3, 1)) for m in (16, 32)]
+    assert fixed[1] > 2.0 * errors[-1]
+    assert np.log2(fixed[0] / fixed[1]) < 1.5
+
+
+def exact_matrix(p, eps, n):
+    """The stiffness of P1 on a line, slope 1: Gauss between all points where the integrand has a kink."""
+    gauss, weight = np.polynomial.legendre.leggauss(n)
+
+    def hats(x):
+        return np.array([np.interp(x, p, row) for row in np.eye(len(p))])
+
+    K = np.zeros((len(p), len(p)))
+    kinks = np.unique(np.clip([*p, *(p - eps), *(p + eps)], p[0], p[-1]))
+    for a, b in pairwise(kinks):
+        for x, wx in zip(a + 0.5 * (b - a) * (gauss + 1), 0.5 * (b - a) * weight, strict=True):
+            low, high = max(p[0], x - eps), min(p[-1], x + eps)
+            ends = np.unique([low, x, high, *p[(p > low) & (p < high)]])
+            for c, d in pairwise(ends):
+                y = c + 0.5 * (d - c) * (gauss + 1)
+                rise = hats(y) - hats(np.array([x]))
+                K += wx * (rise * (0.5 * (d - c) * weight / np.abs(y - x))) @ rise.T
+    return K / eps**2
+
+
+def test_the_outer_order_can_be_raised():
+    """Against a matrix that knows every kink; more nodes on the rays do not do what the order does."""
+    mesh = box(1, 8)
+    exact = exact_matrix(mesh.p[0], 0.25, 12)
+
+    def off(radial, order):
+        K = body_on(mesh, 0.25, Linear(1.0), rule=BallRule(radial, 1, order=order)).stiffness().toarray()
+        return np.linalg.norm(K - exact) / np.linalg.norm(exact)
+
+    errors = {order: off(300, order) for order in (2, 4, 6, 8, 12)}
+    print({order: f"{error:.1e}" for order, error in errors.items()})
+    for order, most in {2: 1.2e-2, 4: 2e-3, 6: 3e-4, 8: 1e-4, 12: 2e-5}.items():
+        assert errors[order] < most
+    assert off(600, 2) > 0.9 * errors[2]
+
+
+def test_orders_that_are_none():
+    for order in (1, 13, True, 2.5):
+        with pytest.raises(ValueError, match="must be a whole number from 2 to 12"):
+            BallRule(order=order)
+    with pytest.raises(ValueError, match='order = 4 goes with outer = "gauss"'):
+        BallRule(outer="vertices", order=4)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..._types import Basis, Csr, Floats, Load, Longs, Mesh
+from ...bonds.ball_rule import BallRule
 from ...bonds.bond_basis import BondBasis
 from ...bonds.rule import Rule
 from ...material.composite import Composite
@@ -148,6 +149,12 @@ class Problem:
     def rule(self) -> Rule:
         """The rule of the double integral."""
         return self.discretisation.rule
+
+    @property
+    def rule_name(self) -> str:
+        """The name of the rule, with the counts that it has on the mesh."""
+        rule = self.rule
+        return (rule.fitted(self.mesh, self.scene.bonds.horizon) if isinstance(rule, BallRule) else rule).name
 
     @property
     def mass_kind(self) -> str:

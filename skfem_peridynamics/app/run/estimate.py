@@ -155,7 +155,7 @@ def study_scene(scene: Scene, out: Path, report: Callable[[str], None], levels: 
         size = (int(run.problem.mesh.nvertices), int(run.problem.bonds.nbonds), run.steps)
         rows.append((k, *size, gap, missed, run.seconds_setup, run.seconds_steps))
     columns = ("refined", "nodes", "bonds", "steps", "distance to the next", "estimated error", "set-up s", "steps s")
-    study.tables.append((f"Relative L2 error of u, {first.bonds.rule.name}, {first.scheme_name}", columns, rows))
+    study.tables.append((f"Relative L2 error of u, {first.rule_name}, {first.scheme_name}", columns, rows))
     if len(gaps) > 1:
         study.notes.append(f"Observed order of the distances: {log2(gaps[0] / gaps[1]):.2f}; errors use {p:.2f}.")
     return study

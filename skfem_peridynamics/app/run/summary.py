@@ -25,7 +25,7 @@ def summary_before(problem: Problem, dt: float, steps: int, blocks: int) -> dict
         "title": problem.scene.title,
         "version": __version__,
         "status": "running",
-        "rule": problem.bonds.rule.name,
+        "rule": problem.rule_name,
         "scheme": problem.scheme_name,
         "nodes": int(problem.mesh.nvertices),
         "bonds": int(problem.bonds.nbonds),

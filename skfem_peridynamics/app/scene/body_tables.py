@@ -118,8 +118,8 @@ class BondsTable:
 
     ``rule`` is ``"pairs"`` of vertices, ``"gauss_pairs"``, ``"ball"``, or ``"auto"``: chosen by measured tables for the
     mesh, and for ``tolerance`` where the body does not break. ``partial_volume`` goes with pairs,
-    ``radial``, ``angular``, ``outer`` and ``symmetric`` with the ball. Weights that are ``balanced`` pass the patch
-    test on any mesh.
+    ``radial``, ``angular``, ``outer``, ``order`` and ``symmetric`` with the ball. Weights that are ``balanced``
+    pass the patch test on any mesh.
     """
 
     horizon: float = key(positive)
@@ -131,11 +131,12 @@ class BondsTable:
     angular: int | None = key(count, None)
     outer: str | None = key(choice("gauss", "vertices"), None)
     symmetric: bool | None = key(flag, None)
+    order: int | None = key(count, None)
     balanced: bool | None = key(flag, None)
     tolerance: float | None = key(positive, None)
 
     def __post_init__(self) -> None:
-        ball = ("radial", "angular", "outer", "symmetric")
+        ball = ("radial", "angular", "outer", "symmetric", "order")
         theirs: tuple[str, ...] = ("partial_volume",) if self.rule == "ball" else ball
         if self.rule == "auto":
             theirs = ("partial_volume", *ball, "balanced")
@@ -149,7 +150,7 @@ class BondsTable:
 
     def make_rule(self) -> Rule:
         """Return the rule that the keys describe. Raises ``ValueError`` for counts that make none."""
-        names = ("radial", "angular", "outer", "symmetric") if self.rule == "ball" else ("partial_volume",)
+        names = ("radial", "angular", "outer", "symmetric", "order") if self.rule == "ball" else ("partial_volume",)
         given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         if self.rule == "ball":
             return BallRule(**given)
