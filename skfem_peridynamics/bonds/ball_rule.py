@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import ceil
+from math import floor
 
 import numpy as np
 
@@ -39,10 +39,11 @@ class BallRule:
     acts on x only, radial weight ``J(s) s^(d-1)``. It is accurate on any mesh but is the gradient of no energy.
     With vertices outside it is the paper's strong form, by collocation.
 
-    What is not given follows the mesh, so that the rule converges with it: with ``m`` the horizon over the median size
-    of a vertex, ``3/4 m`` nodes, at least 3, and ``2 m`` directions in 2D, ``0.8 m^2`` in 3D, at least 8. Bonds of an
-    outer point then grow with ``m`` in 1D, ``m^2`` in 2D, ``m^3`` in 3D, as vertex pairs do: 24 at ``m = 4`` in 2D,
-    96 at 8, 216 at 12. Counts that are given stay: a cost that does not grow, and an error that does not fall any more.
+    What is not given follows the mesh, so that the rule converges with it: with ``m`` the horizon over the lower
+    quartile of the sizes of vertices, ``3/4 m`` nodes, at least 3, and ``2 m`` directions in 2D, ``0.8 m^2`` in 3D, at
+    least 8. Bonds of an outer point then grow with ``m`` in 1D, ``m^2`` in 2D, ``m^3`` in 3D, as vertex pairs do: 24 at
+    ``m = 4`` in 2D, 96 at 8, 216 at 12. Counts that are given stay: a cost that does not grow, and an error that does
+    not fall any more.
 
     Parameters
     ----------
@@ -121,10 +122,11 @@ class BallRule:
         if self.radial is not None and self.angular is not None:
             return self
         dim = int(mesh.dim())
-        m = horizon / float(np.median(vertex_sizes(mesh)))
-        # a mesh of 4 vertices per horizon is at 4 to the last bits only
-        radial = max(_FEWEST[0], ceil(0.75 * m - _ROUNDING))
-        angular = max(_FEWEST[1], ceil((2.0 * m if dim == 2 else 0.8 * m * m) - _ROUNDING)) if dim > 1 else 1
+        # where the mesh is fine the rule has most to resolve
+        m = horizon / float(np.quantile(vertex_sizes(mesh), 0.25))
+        # 4 vertices per horizon are 4 to the last bits only
+        radial = max(_FEWEST[0], round(0.75 * m))
+        angular = max(_FEWEST[1], floor((2.0 * m if dim == 2 else 0.8 * m * m) + _ROUNDING)) if dim > 1 else 1
         if dim == 3:
             angular = min(angular, largest_half_sphere())
         return dataclasses.replace(self, radial=self.radial or radial, angular=self.angular or angular)

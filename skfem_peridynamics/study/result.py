@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 from .measure import Row
 from .rates import rate
+
+Table: TypeAlias = tuple[str, tuple[str, ...], list[tuple[Any, ...]]]  # heading, columns, rows
 
 
 @dataclass
@@ -18,7 +20,7 @@ class Result:
     what: str
     quick: bool
     rows: list[Row] = field(default_factory=list)
-    tables: list[tuple[str, tuple[str, ...], list[tuple[Any, ...]]]] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
 

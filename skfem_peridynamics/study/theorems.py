@@ -27,14 +27,15 @@ from .bounds import (
     sharper_constant,
     symbol_supremum,
 )
+from .h2_bounds import h2_table
 from .known_motion import law_of
 from .local_limit import distance_to_local
 from .manufactured import Manufactured
 from .measure import measure, prepare, time_constant
 from .rates import rate
+from .result import Table
 from .velocity import velocity_equation
 
-Table = tuple[str, tuple[str, ...], list[tuple[Any, ...]]]
 Report = Callable[[str], None]
 
 
@@ -67,7 +68,7 @@ def theorem_tables(quick: bool, report: Report) -> list[Table]:
             [(what, unit, printed, ours) for what, unit, printed, ours in discussion()],
         )
     ]
-    for make in (convergence_table, lipschitz_table, energy_table, velocity_table, time_table, horizon_table):
+    for make in (convergence_table, lipschitz_table, energy_table, velocity_table, time_table, horizon_table, h2_table):
         report(str(make.__doc__).splitlines()[0])
         out.append(make(quick))
     return out

@@ -1,5 +1,7 @@
 """The paper's estimates: constants against other computations, and measured figures under every bound."""
 
+from math import factorial
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,8 @@ from skfem_peridynamics.study.bounds import (
     sharper_constant,
     symbol_supremum,
 )
+from skfem_peridynamics.study.exact_force import force_moments
+from skfem_peridynamics.study.h2_bounds import H2Constants, SineField, embedding_constants, h2_table, pull
 from skfem_peridynamics.study.known_motion import law_of
 from skfem_peridynamics.study.manufactured import Manufactured
 from skfem_peridynamics.study.velocity import velocity_equation
@@ -101,6 +105,52 @@ def test_lipschitz_constant_of_the_force():
         assert loaded <= 1.001 * at_rest
         assert at_rest < sharper
         assert dim == 1 or (0.9 * symbol < at_rest < 1.05 * symbol < sharper < paper)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_embedding_constants_are_never_exceeded(dim):
+    """By sine fields with a peak: all waves in phase at the middle."""
+    first, second = embedding_constants(dim)
+    n = 12 if dim == 2 else 5
+    k = np.arange(1.0, 2 * n, 2)
+    q = np.pi**2 * sum(np.meshgrid(*[k**2] * dim, indexing="ij"))
+    sign = np.ones((n,) * dim)
+    for axis in range(dim):
+        sign = sign * np.sin(0.5 * np.pi * k).reshape([-1 if a == axis else 1 for a in range(dim)])
+    a = sign / (1 + q + q * q)  # the extremal of the point value
+    norm = np.sqrt((a**2 * (1 + q + q * q)).sum() / 2**dim)
+    peak = (a * sign).sum()
+    print(f"{dim}D: C_e1 = {first:.3f}, a peak takes {peak / norm:.3f}")
+    assert 0.5 * first < peak / norm < first
+    # sin(pi x) sin(pi y) ...: its gradient is of one component pi cos(pi x) sin(pi y) ... and its permutations
+    fourth = dim * 3 / 8 * (3 / 8) ** (dim - 1) + dim * (dim - 1) * (1 / 8) ** 2 * (3 / 8) ** (dim - 2)
+    ratio = fourth**0.25 / np.sqrt(dim / 2**dim * (1 + dim * np.pi**2))
+    print(f"{dim}D: C_e2 = {second:.3f}, one wave takes {ratio:.3f}")
+    assert 0.3 * second < ratio < second
+
+
+def test_bounds_in_h2():
+    """The force and its linearisation deep inside a square; the quadrature of the table against the study's own."""
+    _, columns, rows = h2_table(quick=True)
+    for row in rows:
+        print(dict(zip(columns, row, strict=True)))
+        for measured, bound in zip(row[3::2], row[4::2], strict=True):
+            assert 0.0 < measured <= bound
+        # Lbar3 needs the mean of J / s^2, which is infinite in the plane where J(0) > 0; Lbar4 and Lbar5 do not
+        assert np.isinf(row[4]) == (row[1] == "constant")
+        assert np.isfinite(row[6])
+        assert row[5] > 1e-4 * row[6]
+    constants = H2Constants.of(Exponential(1.0, 0.05), lambda s: s**2, 2, C_w1=2.0, C_w2=3.0)
+    assert constants.Lbar1 == 13 * constants.L1
+    assert constants.Lbar2 == 6 * constants.L2 + constants.L4
+    assert max(constants.Lbar1, constants.Lbar2, constants.Lbar3) == constants.L6
+    field = SineField(np.random.default_rng(0).standard_normal((2, 2, 2)) / 50)
+    x = np.array([[0.4, 0.5], [0.6, 0.45]])
+    law = Exponential(1.0, 0.05)
+    ours = pull(law, "constant", 0.2, field, x)
+    moments = force_moments(x.T, 0.2, lambda p: field.at(p.T).T, 20, order=20)
+    terms = [(-law.b) ** k / factorial(k) for k in range(20)]
+    assert ours == pytest.approx(np.tensordot(terms, moments, axes=1).T, rel=1e-9)
 
 
 def test_largest_tangent_is_that_of_the_dense_matrix():
