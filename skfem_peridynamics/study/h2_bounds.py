@@ -112,7 +112,7 @@ class H2Constants:
 
     def force(self, u: float, horizon: float) -> float:
         """Return the bound of the norm of the force of a field of norm u."""
-        return (self.Lbar4 * u + self.Lbar5 * u * u) / horizon**2.5
+        return float((self.Lbar4 * u + self.Lbar5 * u * u) / horizon**2.5)
 
     def linearised(self, u: float, horizon: float) -> float:
         """Return the bound of ``||Q(v; u)||_2 / ||v||_2``."""
