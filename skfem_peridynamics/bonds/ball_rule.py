@@ -41,9 +41,9 @@ class BallRule:
 
     What is not given follows the mesh, so that the rule converges with it: with ``m`` the horizon over the lower
     quartile of the sizes of vertices, ``3/4 m`` nodes, at least 3, and ``2 m`` directions in 2D (a multiple of 4),
-    ``0.8 m^2`` in 3D, at least 8. Bonds of an outer point then grow with ``m`` in 1D, ``m^2`` in 2D, ``m^3`` in 3D, as vertex pairs do: 24 at
-    ``m = 4`` in 2D, 96 at 8, 216 at 12. Counts that are given stay: a cost that does not grow, and an error that does
-    not fall any more.
+    ``0.8 m^2`` in 3D, at least 8. Bonds of an outer point then grow with ``m`` in 1D, ``m^2`` in 2D, ``m^3`` in 3D, as
+    vertex pairs do: 24 at ``m = 4`` in 2D, 96 at 8, 216 at 12. Counts that are given stay: a cost that does not grow,
+    and an error that does not fall any more.
 
     Parameters
     ----------

@@ -24,6 +24,7 @@ BROKEN_BALANCE = 0.1
 # of stable runs is better than 1e-4, of runs at 1.001 of the limit worse than 1.3e-3 (docs/evidence/stability.md).
 BROKEN_BEYOND = 1e-3
 ENERGY_FROM_NOWHERE = 100.0
+_HALF = 0.5  # of the limit: an impact at a tenth of the wave speed was seen to need 0.45 of it
 _EARLY = (10, 30)  # a step far beyond the limit shows itself at once
 
 
@@ -94,6 +95,12 @@ class Watch:
             now = self._stiffest_limit(state)
             if state.dt > 1.05 * now:  # that limit is 2 % on the safe side, and more
                 return f"Take a smaller dt: the material has stiffened, the limit is {now:.6g} by now"
+        if self.limit is not None and state.dt > _HALF * self.limit.dt:
+            return (
+                f"The step is below the limit of small motions, and fast ones may need a smaller one: take half of it, "
+                f"{_HALF * self.limit.dt:.3g}, first; if that does not do, let loads and motions grow over several "
+                "steps, or look at their units"
+            )
         return (
             "The step is below the limit: let loads and motions grow over several steps, or look at their units, "
             "for a load far beyond what the body carries throws parts of it about"

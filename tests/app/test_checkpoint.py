@@ -219,10 +219,10 @@ def test_hours_are_not_thrown_away_unasked(tmp_path, monkeypatch, capsys):
     assert main(command) == 2
     told = capsys.readouterr().err
     assert "of this very run, stopped at step 1" in told
-    assert "go on with --resume, or start over with --restart" in told
-    assert main([*command, "--restart"]) == 0
+    assert "go on with --resume, or start over with --overwrite" in told
+    assert main([*command, "--overwrite"]) == 0
     assert json.loads((out / "summary.json").read_text())["resumed_at_steps"] == []
-    stop(small(), out, 12)
+    stop(small(), out, 12, resume=False)
     assert run(small(until=("until = 3.0", "until = 0.5")), out)["status"] == "finished"  # of no use to another scene
 
 

@@ -413,7 +413,7 @@ def test_an_estimate_stands_in_the_report(tmp_path):
 def test_a_report_of_a_run_that_breaks_down(tmp_path):
     from skfem_peridynamics import UnstableRun
 
-    wild = change("time = {until = 3.0}", "time = {until = 20.0, step = 0.2}")
+    wild = change("time = {until = 3.0}", "time = {until = 20.0, step = 0.2, above_limit = true}")
     with pytest.raises(UnstableRun):
         run(Scene.parse(wild), tmp_path, with_report=True)
     text = Page((tmp_path / "report.html").read_text()).text
@@ -528,7 +528,11 @@ def test_a_clean_slate_takes_pictures_with_it(torn, tmp_path):
     out = tmp_path / "copy"
     shutil.copytree(torn[0], out)
     (out / "animation.gif").write_bytes(b"GIF")
-    run(Scene.parse(change("until = 3.0", "until = 0.05").replace("pictures = true", "pictures = false")), out)
+    run(
+        Scene.parse(change("until = 3.0", "until = 0.05").replace("pictures = true", "pictures = false")),
+        out,
+        resume=False,
+    )
     assert not list(out.glob("*.png"))
     assert not list(out.glob("*.gif"))
     assert not list(out.glob("*.html"))

@@ -13,6 +13,7 @@ import skfem
 from bodies import vector_basis
 from skfem_peridynamics import Frames, Scene, run
 from skfem_peridynamics.app.cli.main import main
+from skfem_peridynamics.app.scene.reading import SceneError
 from small_scenes import GOOD, change
 
 KEYS = [
@@ -128,13 +129,47 @@ def test_same_input_same_bytes(tmp_path):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
 
 
-def test_a_second_run_replaces_the_first(tmp_path):
-    run(Scene.parse(change("frames = 2", "frames = 4")), tmp_path)
-    run(Scene.parse(GOOD), tmp_path)
+def test_a_second_run_replaces_the_first_where_it_is_asked_to(tmp_path, caplog):
+    first = run(Scene.parse(change("frames = 2", "frames = 4")), tmp_path)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(SceneError, match="holds a finished run of another scene: output.frames is 2 and was 4; give"):
+        run(Scene.parse(GOOD), tmp_path)
+    assert run(Scene.parse(change("frames = 2", "frames = 4")), tmp_path)["seconds"] == first["seconds"]
+    assert "is finished: there is nothing to go on with; --overwrite makes it anew" in caplog.text
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    run(Scene.parse(GOOD), tmp_path, resume=False)
     assert len(list(tmp_path.glob("frame_*.vtu"))) == 2
     (tmp_path / "mine.txt").write_text("stays")
-    run(Scene.parse(change("frames = 2", "frames = 0")), tmp_path)
+    run(Scene.parse(change("frames = 2", "frames = 0")), tmp_path, resume=False)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["history.csv", "mine.txt", "summary.json"]
+
+
+@pytest.mark.parametrize("name", ["summary.json", "history.csv", "frame_0000.vtu", "report.html"])
+def test_a_file_that_no_run_wrote_is_not_overwritten(name, tmp_path, capsys):
+    (tmp_path / "scene.toml").write_text(GOOD)
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / name).write_text('{"mine": 1}')
+    command = ["run", str(tmp_path / "scene.toml"), "--out", str(out), "--quiet"]
+    assert main(command) == 2
+    assert f"holds {name}, which no run has written: give the run another folder, or say --overwrite" in (
+        capsys.readouterr().err
+    )
+    assert [(path.name, path.read_text()) for path in out.iterdir()] == [(name, '{"mine": 1}')]
+    assert main([*command, "--overwrite"]) == 0
+    assert main(command) == 0  # the same again: it is there
+
+
+def test_an_estimate_is_made_up_for(tmp_path):
+    """A finished run without one gets its estimate, and nothing is run again for another report."""
+    scene = Scene.parse(GOOD)
+    first = run(scene, tmp_path)
+    rows = (tmp_path / "history.csv").read_bytes()
+    later = run(scene, tmp_path, with_estimate=True)
+    assert 0.0 < later["error_estimate"] < 1.0
+    assert json.loads((tmp_path / "summary.json").read_text())["error_estimate"] == later["error_estimate"]
+    assert later["seconds"] == first["seconds"]
+    assert (tmp_path / "history.csv").read_bytes() == rows
 
 
 def test_titles_are_text_not_formulas(tmp_path):

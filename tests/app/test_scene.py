@@ -205,7 +205,16 @@ def test_the_output_must_be_a_folder(tmp_path, capsys):
 
 
 def test_a_step_beyond_the_limit_stops_with_step_and_limit(tmp_path, capsys):
-    (tmp_path / "scene.toml").write_text(change("until = 0.5", "until = 200, step = 0.4"))
+    for step, factor in (("step = 0.4", "4.78"), ("safety = 5", "4.9")):
+        (tmp_path / "scene.toml").write_text(change("until = 0.5", f"until = 200, {step}"))
+        for command in (["check"], ["run", "--out", str(tmp_path / "out"), "--quiet"]):
+            assert main([command[0], str(tmp_path / "scene.toml"), *command[1:]]) == 2
+            told = capsys.readouterr().err
+            assert f"{factor}" in told
+            assert "times the stable limit" in told
+            assert "time.above_limit = true" in told
+            assert not (tmp_path / "out").exists()
+    (tmp_path / "scene.toml").write_text(change("until = 0.5", "until = 200, step = 0.4, above_limit = true"))
     code = main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out"), "--quiet"])
     told = capsys.readouterr().err
     assert code == 2
@@ -244,7 +253,10 @@ def test_check_refuses_what_run_refuses(tmp_path, capsys):
 def test_what_looks_like_a_slip_of_units_is_noted(tmp_path, capsys, caplog):
     for content, note in (
         (change("young = 1.0", "young = 1e-9"), "the run ends after 1 steps: time.until = 0.5 is"),
-        (change("until = 0.5", "until = 0.5, step = 0.25"), "time.step = 0.25 is 2.99 times the stable limit"),
+        (
+            change("until = 0.5", "until = 0.5, step = 0.25, above_limit = true"),
+            "the step of 0.25 is 2.99 times the stable limit",
+        ),
         (change("until = 0.5", "until = 5e6"), "steps; are the units of time.until = 5e+06 what you mean?"),
     ):
         (tmp_path / "scene.toml").write_text(content)

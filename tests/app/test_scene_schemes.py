@@ -37,7 +37,7 @@ output = {frames = 3, history = 3, pictures = false}
 
 def ran(tmp_path, content, code=0):
     (tmp_path / "scene.toml").write_text(content)
-    assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == code
+    assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out"), "--overwrite", "--quiet"]) == code
     return json.loads((tmp_path / "out" / "summary.json").read_text())
 
 

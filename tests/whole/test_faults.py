@@ -16,7 +16,7 @@ import pytest
 
 import faults
 from faults import FULL_DISK, SMALL, forked, killed_run, last_step, nothing_corrupt, results, small, starved_run, stop
-from skfem_peridynamics import UnstableRun, run
+from skfem_peridynamics import Scene, UnstableRun, run
 from skfem_peridynamics.app.cli.main import main
 from skfem_peridynamics.app.files import history
 from skfem_peridynamics.app.files import whole_files as files
@@ -259,7 +259,8 @@ def test_links_are_not_followed(whole, tmp_path):
 def test_the_last_good_state_is_kept(tmp_path):
     """An instability above the limit: the step, the place and the cause are named, and the checkpoint is sound."""
     scene = small(
-        step=("until = 3.0}", "until = 30.0, step = 0.12}"), every=("checkpoint_every = 5", "checkpoint_every = 0")
+        step=("until = 3.0}", "until = 30.0, step = 0.12, above_limit = true}"),
+        every=("checkpoint_every = 5", "checkpoint_every = 0"),
     )
     with pytest.raises(UnstableRun) as error:
         run(scene, tmp_path)
@@ -275,14 +276,20 @@ def test_the_last_good_state_is_kept(tmp_path):
 
 
 def test_a_load_that_is_too_much_is_named(tmp_path):
-    """Below the limit the step is not blamed."""
+    """Below the limit a smaller step is tried first; far below it the step is not blamed."""
     scene = small(
         motion=('component = "x", displacement = 0', 'component = "x", velocity = "100*step(t-1)"'),
         long=("until = 3.0", "until = 5.0"),
         rows=("history = 12", "history = 200"),
     )
-    with pytest.raises(UnstableRun, match="The step is below the limit: let loads and motions grow over several steps"):
+    with pytest.raises(UnstableRun, match="below the limit of small motions, and fast ones .*take half of it, 0.0"):
         run(scene, tmp_path)
+    text = SMALL.replace('component = "x", displacement = 0', 'component = "x", velocity = "100*step(t-1)"')
+    slow = Scene.parse(
+        text.replace("until = 3.0", "until = 5.0, safety = 0.4").replace("history = 12", "history = 200")
+    )
+    with pytest.raises(UnstableRun, match="The step is below the limit: let loads and motions grow over several steps"):
+        run(slow, tmp_path)
 
 
 def test_no_number_is_found_at_once(tmp_path, capsys):

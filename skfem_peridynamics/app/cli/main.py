@@ -66,7 +66,7 @@ def make_parser() -> argparse.ArgumentParser:
     run.add_argument("--estimate", action="store_true", help="run the scene again on a refined mesh: its error")
     again = run.add_mutually_exclusive_group()
     again.add_argument("--resume", action="store_true", help="go on from the last checkpoint, if there is one")
-    again.add_argument("--restart", action="store_true", help="start over, whatever the folder holds")
+    again.add_argument("--overwrite", "--restart", action="store_true", help="start over, whatever the folder holds")
     run.add_argument("--report", action="store_true", help="write report.html: pictures, figures, how to run it again")
     run.add_argument("--quiet", action="store_true", help="no progress, no table at the end")
 

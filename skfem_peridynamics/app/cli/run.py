@@ -21,7 +21,7 @@ def run(arguments: argparse.Namespace) -> int:
     begin = time.perf_counter()
     if not arguments.quiet:
         print(f"{scene.title}: setting up", flush=True)
-    resume = True if arguments.resume else False if arguments.restart else None
+    resume = True if arguments.resume else False if arguments.overwrite else None
     summary = run_scene(
         scene, arguments.out, progress, with_estimate=arguments.estimate, resume=resume, with_report=arguments.report
     )

@@ -36,6 +36,11 @@ def clear(folder: Path, times: Sequence[float] = ()) -> None:
     clear_frames(folder, len(times))  # after the list: it never names what is not there
 
 
+def files_of_runs(folder: Path) -> list[str]:
+    """Return the files of a folder that have names which runs use."""
+    return sorted(item.name for item in folder.iterdir() if item.name in _OTHERS or _FRAME.fullmatch(item.name))
+
+
 def list_frames(folder: Path, times: Sequence[float]) -> None:
     """Write ``frames.pvd``, which lists the frames."""
     rows = "".join(f'    <DataSet timestep="{t!r}" file={quoteattr(frame_name(k))}/>\n' for k, t in enumerate(times))

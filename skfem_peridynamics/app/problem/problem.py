@@ -23,7 +23,7 @@ from ...model.discretisation import Discretisation
 from ...model.mass import mass_matrix
 from ...model.peridynamics import Peridynamics
 from ...model.space import numbering_basis, vector_basis
-from ...solve.cfl import StepLimit, stable_time_step
+from ...solve.cfl import SAFETY, StepLimit, stable_time_step
 from ...solve.constraints import Prescribed
 from ...solve.newton import Effort
 from ..scene.reading import SceneError, blame
@@ -242,9 +242,15 @@ class Problem:
         if time.until > _MOST_STEPS * dt:
             steps = time.until / dt
             raise SceneError(f"time.until = {time.until:g} takes {steps:.3g} steps of {dt:.3g}; that would never end")
-        if time.step is None:
-            return self.limit.step_for(time.until, time.part)
-        return time.until / max(1, ceil(time.until / dt - 1e-9))
+        taken = time.until / max(1, ceil(time.until / dt - 1e-9))
+        if self.explicit and not time.above_limit and taken > (1.0 + 1e-9) * self.limit.dt:
+            given = f"step = {time.step:g}" if time.step is not None else f"safety = {time.safety:g}"
+            raise SceneError(
+                f"time.{given} makes a step of {taken:.6g}, {taken / self.limit.dt:.4g} times the stable limit "
+                f"{self.limit.dt:.6g}: the run would blow up; take at most that, or leave out both for "
+                f"{SAFETY:g} of it (time.above_limit = true runs it all the same)"
+            )
+        return taken
 
     @cached_property
     def effort(self) -> Effort:

@@ -79,7 +79,7 @@ def remarks(problem: Problem) -> list[str]:
 def _on_the_limit(problem: Problem, steps: int) -> list[str]:
     time, limit, out = problem.scene.time, problem.limit, []
     if problem.dt > limit.dt:
-        out.append(f"time.step = {time.step:g} is {problem.dt / limit.dt:.3g} times the stable limit {limit.dt:.4g}")
+        out.append(f"the step of {problem.dt:.4g} is {problem.dt / limit.dt:.3g} times the stable limit {limit.dt:.4g}")
     if steps <= 5:
         out.append(
             f"the run ends after {steps} steps: time.until = {time.until:g} is {time.until / limit.dt:.3g} times "

@@ -39,6 +39,8 @@ COLUMNS = (
     "largest_Z",
 )
 
+HISTORY_BEGINS = ",".join(COLUMNS[:6])
+
 
 def columns(measured: Sequence[Measure]) -> tuple[str, ...]:
     """Return the columns of a history: energies, and what is measured besides."""

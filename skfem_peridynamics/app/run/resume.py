@@ -14,14 +14,16 @@ import numpy as np
 from ..._clock import Clock
 from ...solve.cfl import StepLimit
 from ...solve.instability import Watch
-from ..files.checkpoint import Checkpoint, DamagedCheckpoint, latest
+from ..files.checkpoint import NAME, OLDER, Checkpoint, DamagedCheckpoint, latest
+from ..files.frames import files_of_runs
 from ..files.identity import differences
 from ..problem.measures import measures
 from ..problem.problem import Problem
 from ..scene.reading import LARGEST, SceneError
-from .record import columns
+from .record import HISTORY_BEGINS, columns
 
 _log = logging.getLogger("skfem_peridynamics")
+CHECKPOINTS = (NAME, OLDER)
 WORTH_KEEPING = 60.0  # seconds of a run that another does not throw away unasked
 
 
@@ -29,16 +31,21 @@ def earlier_run(out: Path, identity: Mapping[str, Any], resume: bool | None) -> 
     """Return the checkpoint to go on with, the summary where the run is finished, or None for a fresh start.
 
     ``identity`` is that of the run that is to be made there. Raises :class:`SceneError` for the checkpoint of
-    another run, and, where nothing is said of ``resume``, before more than a minute of this very run is lost.
+    another run, and, where nothing is said of ``resume``, before a finished run, more than a minute of this very run,
+    or a file that no run has written is lost.
     """
     if resume is False:
         return None
-    if resume:
-        finished = _finished(out)
-        if finished is not None:
-            _check_same(out, finished["run"], identity, "a finished run of another scene", ())
-            _log.warning("the run in %r is finished: there is nothing to go on with", str(out))
-            return finished
+    finished = _finished(out)
+    if finished is not None:
+        _check_same(out, finished["run"], identity, "a finished run of another scene", (), resume)
+        _log.warning(
+            "the run in %r is finished: there is nothing to go on with%s",
+            str(out),
+            "" if resume else "; --overwrite makes it anew",
+        )
+        return finished
+    _check_strangers(out)
     try:
         checkpoint = latest(out, _log.warning if resume else _ignore)
     except DamagedCheckpoint as error:
@@ -50,7 +57,7 @@ def earlier_run(out: Path, identity: Mapping[str, Any], resume: bool | None) -> 
     known = checkpoint.facts.get("run")
     known = known if isinstance(known, dict) else {}
     if resume:
-        _check_same(out, known, identity, "the checkpoint of another run", ("versions",))
+        _check_same(out, known, identity, "the checkpoint of another run", ("versions",), resume)
         return checkpoint
     try:
         spent = sum(float(value) for value in checkpoint.facts["seconds"].values())
@@ -59,19 +66,47 @@ def earlier_run(out: Path, identity: Mapping[str, Any], resume: bool | None) -> 
     if not differences(known, identity) and spent > WORTH_KEEPING:
         raise SceneError(
             f"output folder {str(out)!r} holds {spent:.0f} s of this very run, "
-            f"stopped at step {checkpoint.state.step}: go on with --resume, or start over with --restart"
+            f"stopped at step {checkpoint.state.step}: go on with --resume, or start over with --overwrite"
         )
     return None
 
 
 def _check_same(
-    out: Path, known: Mapping[str, Any], identity: Mapping[str, Any], holds: str, compared: tuple[str, ...]
+    out: Path,
+    known: Mapping[str, Any],
+    identity: Mapping[str, Any],
+    holds: str,
+    compared: tuple[str, ...],
+    resume: bool | None,
 ) -> None:
     """Raise :class:`SceneError` where what the folder ``holds`` is of another run."""
     different = differences(known, identity, compared)
     if different:
         more = f", and {len(different) - 3} more" if len(different) > 3 else ""
-        raise SceneError(f"output folder {str(out)!r} holds {holds}: {'; '.join(different[:3])}{more}")
+        cure = "" if resume else "; give this one another folder, or say --overwrite"
+        raise SceneError(f"output folder {str(out)!r} holds {holds}: {'; '.join(different[:3])}{more}{cure}")
+
+
+def _check_strangers(out: Path) -> None:
+    """Raise :class:`SceneError` where files have the names that runs use, and there is no sign of a run."""
+    named = files_of_runs(out)
+    if not named or any((out / name).is_file() for name in CHECKPOINTS):
+        return
+    try:
+        with open(out / "history.csv", "rb") as file:
+            is_run = file.read(len(HISTORY_BEGINS)) == HISTORY_BEGINS.encode()
+    except OSError:
+        is_run = False
+    try:
+        summary = json.loads((out / "summary.json").read_bytes())
+        is_run |= isinstance(summary, dict) and isinstance(summary.get("run"), dict)
+    except (OSError, ValueError, RecursionError):
+        pass
+    if not is_run:
+        raise SceneError(
+            f"output folder {str(out)!r} holds {named[0]}, which no run has written: give the run another folder, or "
+            "say --overwrite"
+        )
 
 
 def _ignore(note: str) -> None:

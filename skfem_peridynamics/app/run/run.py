@@ -55,9 +55,10 @@ def run(
 
     Everything the scene says is checked before the folder is made. The files: ``frame_*.vtu`` and ``frames.pvd``,
     ``history.csv``, ``damage.png`` and ``energies.png``, and last ``summary.json``; while it goes on also
-    checkpoints. What an earlier run left there under these names is removed first, unless that is more than a
-    minute of this very run, not finished. Going on gives the same bytes as one run would have; without a checkpoint
-    it starts afresh, and what is finished stays as it is.
+    checkpoints. What an unfinished run left there under these names is removed first, unless that is more than a
+    minute of this very run. A finished run of this very scene stays as it is and is returned; one of another scene,
+    and files of these names that no run has written, are not overwritten unasked. Going on gives the same bytes as
+    one run would have; without a checkpoint it starts afresh.
 
     SIGINT, SIGTERM and SIGHUP, where the host does not handle them, end the run with a checkpoint after the step at
     hand (``Interrupted``, a ``KeyboardInterrupt``).
@@ -73,7 +74,7 @@ def run(
     with_estimate : bool, optional
         Run the scene again on a refined mesh: its error.
     resume : bool, optional
-        True goes on with what is there, False starts over; by default a long unfinished run is not overwritten.
+        True goes on with what is there, False starts over, whatever is there; by default what is worth keeping stays.
     with_report : bool, optional
         Write ``report.html`` from the files at the end, also where the run breaks down.
 
@@ -125,6 +126,9 @@ def run(
             run_identity = identity(scene, problem.mesh)
         earlier = earlier_run(out, run_identity, resume) if existed else None
         if isinstance(earlier, dict):  # the summary of a finished run
+            if with_estimate and "error_estimate" not in earlier:
+                earlier |= _estimated(problem, clock)
+                write_summary(out / "summary.json", earlier)
             if with_report:
                 write_report(out, None)
             return earlier
@@ -150,10 +154,7 @@ def run(
                     with clock.phase("output"):
                         draw(_results(record, summary, run_identity["scene"]), last=_snapshot(record))
                 if with_estimate:
-                    from .estimate import estimate
-
-                    with clock.phase("estimate"):
-                        summary |= estimate(problem)
+                    summary |= _estimated(problem, clock)
                 summary["status"] = "finished"
             except FormulaError as error:  # a load or a motion that is no number at some later time
                 summary["status"] = f"stopped: {error}"
@@ -249,6 +250,13 @@ def _step(prepared: _Prepared, record: Record, signals: Signals, clock: Clock, p
         raise
     finally:
         signals.patient = False
+
+
+def _estimated(problem: Problem, clock: Clock) -> dict[str, Any]:
+    from .estimate import estimate
+
+    with clock.phase("estimate"):
+        return estimate(problem)
 
 
 def _snapshot(record: Record) -> Snapshot | None:

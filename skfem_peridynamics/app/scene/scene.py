@@ -103,6 +103,8 @@ class InitialTable:
 class TimeTable:
     """``[time]``: run ``until``; the step is ``safety`` times the stable limit, or ``step`` as given.
 
+    An explicit step above the limit is refused, but for ``above_limit``: then the run stops as soon as it shows.
+
     ``mass`` is ``"lumped"`` or ``"consistent"``; without it rules with Gauss points outside take the consistent one.
     ``scheme`` is ``"central_difference"``; ``"auto"`` is that too and leaves no room for a ``mass`` of your own;
     ``"newmark"`` takes implicit steps of length ``step`` with ``beta`` and ``gamma``; ``"static"`` follows equilibria
@@ -117,6 +119,7 @@ class TimeTable:
     beta: float | None = key(positive, None)
     gamma: float | None = key(positive, None)
     steps: int | None = key(count, None)
+    above_limit: bool | None = key(flag, None)
 
     refused: ClassVar[Mapping[str, str]] = {
         "mass_scaling": "there is none, for it buys a longer step with another motion; "
@@ -129,8 +132,8 @@ class TimeTable:
         allowed = {
             "newmark": ("step", "mass", "beta", "gamma"),
             "static": ("steps",),
-        }.get(self.scheme, ("safety", "step", "mass"))
-        for name in ("safety", "step", "mass", "beta", "gamma", "steps"):
+        }.get(self.scheme, ("safety", "step", "mass", "above_limit"))
+        for name in ("safety", "step", "mass", "beta", "gamma", "steps", "above_limit"):
             if getattr(self, name) is not None and name not in allowed:
                 raise ValueError(f"{name} = {getattr(self, name)!r} does not go with scheme = {self.scheme!r}")
         if self.scheme == "newmark" and self.step is None:
