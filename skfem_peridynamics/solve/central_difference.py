@@ -105,12 +105,12 @@ def central_difference(
     """
     size = M.shape[0]
     check_load(load)
-    prescribed = check_fixed(fixed, size)
-    mass = mass_solver(M, prescribed)
     if not (np.isfinite(dt) and dt > 0.0):
         raise ValueError(f"dt = {dt} must be a positive time")
     if not np.isfinite(until):
         raise ValueError(f"until = {until} must be a time")
+    prescribed = check_fixed(fixed, size, until)
+    mass = mass_solver(M, prescribed)
     if adapt < 0 or (adapt and (limit is None or not getattr(body, "symmetric", False))):
         raise ValueError(f"adapt = {adapt} must be 0, or positive with a limit and a body of a symmetric rule")
     if adapt and start is not None:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from .._types import Floats, Longs
 
+_SAME = 1e-12  # of a value: two formulas that say the same are rounded differently
 # a number or array, or a function of time that gives one
 Motion: TypeAlias = npt.ArrayLike | Callable[[float], npt.ArrayLike]
 
@@ -101,14 +102,59 @@ class Prescribed:
         return (self._value(self.displacement, t1) - self._value(self.displacement, t0)) / (t1 - t0)
 
 
-def check_fixed(fixed: Sequence[Prescribed], size: int) -> Longs:
-    """Return all prescribed degrees of freedom. Raises ``ValueError`` when one is out of range or prescribed twice."""
+class FixedConflict(ValueError):
+    """Two motions are prescribed for one degree of freedom ``dof``: those of numbers ``first`` and ``second``."""
+
+    def __init__(self, dof: int, first: int, second: int, how: str) -> None:
+        super().__init__(f"degree of freedom {dof} is prescribed twice, and not the same: {how}")
+        self.dof, self.first, self.second, self.how = dof, first, second, how
+
+
+def check_fixed(fixed: Sequence[Prescribed], size: int, until: float = 1.0) -> Longs:
+    """Return all prescribed degrees of freedom, each once. Raises ``ValueError`` when one is out of range.
+
+    Sets may meet, as two sides do in a corner, where they move alike: that is looked at now and at three times to come.
+    Raises :class:`FixedConflict` where they do not.
+
+    >>> left, low = Prescribed(np.array([0, 1]), displacement=0.0), Prescribed(np.array([1, 2]), displacement=0.0)
+    >>> check_fixed([left, low], 4).tolist()
+    [0, 1, 2]
+    """
     if not fixed:
         return np.empty(0, dtype=np.int64)
     every = np.concatenate([prescribed.dofs for prescribed in fixed])
     if every.min() < 0 or every.max() >= size:
         raise ValueError(f"a prescribed degree of freedom, {every.max()}, is not among the {size} of the basis")
-    unique, count = np.unique(every, return_counts=True)
+    unique, first, count = np.unique(every, return_index=True, return_counts=True)
     if (count > 1).any():
-        raise ValueError(f"degree of freedom {unique[count > 1][0]} is prescribed twice; one motion each, please")
-    return every
+        _check_meeting(fixed, unique[count > 1], until)
+    found: Longs = every[np.sort(first)]
+    return found
+
+
+def _check_meeting(fixed: Sequence[Prescribed], shared: Longs, until: float) -> None:
+    """Raise :class:`FixedConflict` where motions of the same degrees of freedom differ."""
+    for t in (0.0, 0.37 * until, 0.71 * until, until):
+        seen = np.full(len(shared), np.nan)
+        owner = np.full(len(shared), -1)
+        kind = np.zeros(len(shared), dtype=bool)
+        for k, prescribed in enumerate(fixed):
+            here = np.flatnonzero(np.isin(prescribed.dofs, shared))
+            if not len(here):
+                continue
+            by_velocity = prescribed.displacement is None
+            values = prescribed._value(prescribed.velocity if by_velocity else prescribed.displacement, t)[here]
+            at = np.searchsorted(shared, prescribed.dofs[here])
+            known = owner[at] >= 0
+            scale = np.maximum(np.abs(values), np.abs(seen[at]))
+            apart = known & ((kind[at] != by_velocity) | (np.abs(values - seen[at]) > _SAME * scale))
+            if apart.any():
+                place = np.flatnonzero(apart)[0]
+                names = [("displacement", "velocity")[int(which)] for which in (kind[at[place]], by_velocity)]
+                raise FixedConflict(
+                    int(shared[at[place]]),
+                    int(owner[at[place]]),
+                    k,
+                    f"{names[0]} {seen[at[place]]:g} and {names[1]} {values[place]:g} at t = {t:g}",
+                )
+            seen[at], owner[at], kind[at] = values, np.where(known, owner[at], k), by_velocity

@@ -135,7 +135,7 @@ def newmark(
         )
     u, v = initial_vector(u0, size, "u0"), initial_vector(v0, size, "v0")
     check_load(load)
-    prescribed = check_fixed(fixed, size)
+    prescribed = check_fixed(fixed, size, until)
     free = np.setdiff1d(np.arange(size), prescribed)
     step = _Step(
         *(

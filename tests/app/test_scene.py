@@ -11,6 +11,7 @@ from skfem_peridynamics import Scene, traction
 from skfem_peridynamics.app.cli.main import main
 from skfem_peridynamics.app.problem.problem import Problem
 from skfem_peridynamics.app.scene.reading import SceneError
+from skfem_peridynamics.solve.constraints import check_fixed
 from small_scenes import GOOD, change, complaint
 
 
@@ -95,8 +96,9 @@ BAD = {
         "fixed[0]: give one of displacement and velocity",
     ),
     "fixed twice": (
-        change("fixed = [", 'fixed = [{on = "left", displacement = 0}, '),
-        "fixed: degree of freedom 0 is prescribed twice",
+        change("fixed = [", 'fixed = [{on = "bottom", displacement = "0.1*t"}, '),
+        "fixed[0] and fixed[1] both move x of vertex 0 at (0, 0), and not the same: displacement 0.0185 and "
+        "displacement 0 at t = 0.185",
     ),
     "NaN initial data": (
         change("1e-3*y", "log(y - 0.1)"),
@@ -360,3 +362,54 @@ def test_a_load_is_the_same_whether_its_formula_names_the_time_or_not(how):
         exact = traction(problem.full_basis, "right", lambda x: np.stack([x[1] ** 2, 0 * x[1]]))
         exact += traction(problem.full_basis, "bottom", [0.0, -0.01])
         assert loads[1] == pytest.approx(exact, rel=1e-13, abs=1e-18)
+
+
+def test_all_mistakes_of_a_scene_come_together(tmp_path, capsys):
+    content = (
+        change("young = 1.0", "young = -1.0, nu = 0.3")
+        .replace("horizon = 0.13}", "horizont = 0.13}")
+        .replace("time = {until = 0.5}", "time = {}")
+        .replace('component = "x", displacement = 0', 'component = "w"')
+    )
+    told = complaint(capsys, tmp_path, content)
+    assert "6 mistakes: (1) material.young = -1.0 must be a positive number; (2) material.nu = 0.3: " in told
+    assert "there is no such key; did you mean 'poisson'?" in told
+    assert "did you mean 'horizon'?" in told
+    assert "bonds.horizon is missing" in told
+    assert "fixed[0].component = 'w' must be one of all, x, y, z" in told
+    assert "time.until is missing" in told
+
+
+def test_mistakes_that_only_the_mesh_shows_come_together(tmp_path, capsys):
+    content = (
+        change('on = "top", layer = 0.13', 'on = "roof", layer = 0.13')
+        .replace('{on = "left", component = "x"', '{on = "west", component = "x"')
+        .replace("1e-3*y", "1/y")
+    )
+    told = complaint(capsys, tmp_path, content)
+    for words in ("3 mistakes", "boundary 'roof' is not in the mesh", "boundary 'west' is not", "formula '1/y' is inf"):
+        assert words in told
+    assert main(["check", str(tmp_path / "scene.toml")]) == 2
+    assert "3 mistakes" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("symbol", "table", "name"),
+    [("nu", "material", "poisson"), ("E", "material", "young"), ("rho", "material", "density"), ("dt", "time", "step")],
+)
+def test_symbols_point_to_their_keys(symbol, table, name, tmp_path, capsys):
+    told = complaint(capsys, tmp_path, change(f"{table} = {{", f"{table} = {{{symbol} = 1.0, "))
+    assert f"{table}.{symbol} = 1.0: there is no such key; did you mean {name!r}?" in told
+
+
+def test_fixed_sets_that_meet_with_one_value_are_no_conflict():
+    """Two sides in a corner; a table without a value holds what it names."""
+    sides = 'fixed = [{on = "bottom"}, {on = "left", displacement = "0*t"}, '
+    problem = Problem(Scene.parse(change("fixed = [", sides)))
+    held = [prescribed.dofs for prescribed in problem.fixed]
+    assert [len(dofs) for dofs in held] == [34, 20, 10]  # the mouth of the slit has two vertices
+    assert len(np.intersect1d(held[0], held[1])) == 2
+    assert problem.fixed[0].start(0.0).tolist() == [0.0] * 34
+    assert check_fixed(problem.fixed, problem.basis.N).tolist() == sorted(
+        set(np.concatenate(held).tolist()), key=np.concatenate(held).tolist().index
+    )

@@ -8,12 +8,12 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ..._types import Basis, Csr, Floats, Load, Mesh
-from ...geometry.simplices import vertex_volumes
+from ...geometry.simplices import describe_point, vertex_volumes
 from ...model.loads import facet_mass, layer_share
-from ...solve.constraints import Prescribed, check_fixed
+from ...solve.constraints import FixedConflict, Prescribed, check_fixed
 from ..scene.formula import Formula
-from ..scene.reading import SceneError, blame
-from ..scene.scene import LoadTable, Scene
+from ..scene.reading import Mistakes, SceneError, blame
+from ..scene.scene import FixedTable, LoadTable, Scene
 from .domain import vertices
 
 _AXES = ("x", "y", "z")
@@ -24,23 +24,36 @@ def fixed(scene: Scene, basis: Basis) -> list[Prescribed]:
     mesh = basis.mesh
     out: list[Prescribed] = []
     dim = mesh.dim()
+    mistakes = Mistakes()
     for k, table in enumerate(scene.fixed):
-        path = f"fixed[{k}]"
-        if table.component != "all" and _AXES.index(table.component) >= dim:
-            raise SceneError(f"{path}.component = {table.component!r}: the body has {dim} dimensions")
-        axes = range(dim) if table.component == "all" else [_AXES.index(table.component)]
-        chosen = vertices(mesh, table, path)
-        points, each = mesh.p[:, chosen], len(list(axes))
-        dofs = (chosen[:, None] * dim + np.array(list(axes))).ravel()
-        name = "displacement" if table.displacement is not None else "velocity"
-        formula = getattr(table, name)
-        with blame(f"{path}.{name}"):
-            formula(points, 0.0)
-        motion = _motion(formula, points, each)
-        out.append(Prescribed(dofs, **{name: motion}))
-    with blame("fixed"):
-        check_fixed(out, basis.N)
+        with mistakes.noted():
+            out.append(_fixed(table, mesh, f"fixed[{k}]"))
+    mistakes.tell()
+    try:
+        check_fixed(out, basis.N, scene.time.until)
+    except FixedConflict as error:
+        vertex, axis = divmod(error.dof, dim)
+        raise SceneError(
+            f"fixed[{error.first}] and fixed[{error.second}] both move {_AXES[axis]} of vertex {vertex} at "
+            f"{describe_point(mesh.p[:, vertex])}, and not the same: {error.how}"
+        ) from None
     return out
+
+
+def _fixed(table: FixedTable, mesh: Mesh, path: str) -> Prescribed:
+    """The motion of a table."""
+    dim = int(mesh.dim())
+    if table.component != "all" and _AXES.index(table.component) >= dim:
+        raise SceneError(f"{path}.component = {table.component!r}: the body has {dim} dimensions")
+    axes = range(dim) if table.component == "all" else [_AXES.index(table.component)]
+    chosen = vertices(mesh, table, path)
+    points, each = mesh.p[:, chosen], len(list(axes))
+    dofs = (chosen[:, None] * dim + np.array(list(axes))).ravel()
+    name = "displacement" if table.displacement is not None else "velocity"
+    formula = getattr(table, name)
+    with blame(f"{path}.{name}"):
+        formula(points, 0.0)
+    return Prescribed(dofs, **{name: _motion(formula, points, each)})
 
 
 def load(scene: Scene, basis: Basis) -> Load | None:
@@ -49,19 +62,22 @@ def load(scene: Scene, basis: Basis) -> Load | None:
     constant = np.zeros(basis.N)
     moving: list[tuple[Csr, tuple[Formula, ...]]] = []
     p = mesh.p
+    mistakes = Mistakes()
     for k, table in enumerate(scene.load):
         path = f"load[{k}]"
         vector = table.body if table.body is not None else table.traction
         assert vector is not None
         name = f"{path}.{'body' if table.body is not None else 'traction'}"
-        _components(mesh, vector, name)
-        with blame(name):
-            first = np.stack([f(p, 0.0) for f in vector])
-        spread = _spread(basis, table, path)
-        if any(f.uses("t") for f in vector):
-            moving.append((spread, vector))
-        else:
-            constant += (spread @ first.T).ravel()
+        with mistakes.noted():
+            _components(mesh, vector, name)
+            with blame(name):
+                first = np.stack([f(p, 0.0) for f in vector])
+            spread = _spread(basis, table, path)
+            if any(f.uses("t") for f in vector):
+                moving.append((spread, vector))
+            else:
+                constant += (spread @ first.T).ravel()
+    mistakes.tell()
     if not scene.load:
         return None
     if not moving:

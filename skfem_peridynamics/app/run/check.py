@@ -10,7 +10,7 @@ from ..problem.cost import seconds_of_run
 from ..problem.measures import measures
 from ..problem.problem import Problem
 from ..problem.states import remarks, states
-from ..scene.reading import blame
+from ..scene.reading import Mistakes, blame
 from ..scene.scene import Scene
 
 _FRAME_BYTES = {1: 30, 2: 42, 3: 60}  # a vertex, compressed
@@ -23,11 +23,15 @@ def check(scene: Scene) -> list[tuple[str, str]]:
     Small scenes are built to their step limit, so what is sound here runs. Raises :class:`SceneError`.
     """
     problem = Problem(scene)
+    mistakes = Mistakes()
     for part in ("load", "fixed", "u0", "v0"):
-        getattr(problem, part)
-    measures(problem)
+        with mistakes.noted():
+            getattr(problem, part)
     for k, table in enumerate(scene.no_fail):
-        problem.vertices(table, f"no_fail[{k}]")
+        with mistakes.noted():
+            problem.vertices(table, f"no_fail[{k}]")
+    mistakes.tell()
+    measures(problem)
     rows = [("dimension, nodes", f"{problem.mesh.dim()}, {problem.mesh.nvertices}")]
     _ = problem.largest_slope
     expected, need = problem.expected_bonds, problem.expected_bytes

@@ -29,7 +29,7 @@ from ..report import figure
 from ..report.run_page import write_report
 from ..report.run_pictures import draw
 from ..scene.formula import FormulaError
-from ..scene.reading import SceneError, blame
+from ..scene.reading import Mistakes, SceneError, blame
 from ..scene.scene import Scene
 from .logged import logged_warnings
 from .progress import Progress, Silent
@@ -204,8 +204,11 @@ def _prepare(problem: Problem, earlier: Checkpoint | None, clock: Clock, watch: 
     time = problem.scene.time
     with clock.phase("setup"):
         needed = ("load", "fixed", "u0", "v0") + (() if time.scheme == "static" else ("mass",))
+        mistakes = Mistakes()
         for name in needed:
-            getattr(problem, name)
+            with mistakes.noted():
+                getattr(problem, name)
+        mistakes.tell()
         measured = measures(problem)
         blocks = len(problem.body_at_rest.blocks)
         with blame("bonds"):

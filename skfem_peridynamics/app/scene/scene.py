@@ -73,7 +73,7 @@ class LoadTable:
 
 @dataclass(frozen=True)
 class FixedTable(Where):
-    """``[[fixed]]``: prescribe ``displacement`` or ``velocity`` of all components, or of ``component`` x, y or z."""
+    """``[[fixed]]``: prescribe ``displacement`` (0 if nothing is said) or ``velocity``, of all or one ``component``."""
 
     component: str = key(choice("all", "x", "y", "z"), "all")
     displacement: Formula | None = key(formula, None)
@@ -81,7 +81,9 @@ class FixedTable(Where):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if (self.displacement is None) == (self.velocity is None):
+        if self.displacement is None and self.velocity is None:
+            object.__setattr__(self, "displacement", formula(0, "displacement"))
+        elif self.displacement is not None and self.velocity is not None:
             raise ValueError("give one of displacement and velocity")
 
 
