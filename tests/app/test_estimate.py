@@ -12,6 +12,7 @@ from skfem_peridynamics import Crack, Scene, slit
 from skfem_peridynamics.app.cli.main import main
 from skfem_peridynamics.app.problem import cost
 from skfem_peridynamics.app.problem.problem import Problem
+from skfem_peridynamics.app.problem.states import states
 from skfem_peridynamics.app.run import estimate
 from skfem_peridynamics.app.run.estimate import distance, order_of, prolongation, run_once
 
@@ -77,6 +78,10 @@ def test_refined_runs_halve_the_step_and_keep_the_times():
     fine = run_once(replace(first, refinements=1), coarse)
     assert fine.dt <= 0.5 * coarse.dt
     assert coarse.steps % 4 == fine.steps % 4 == 0
+    # four times, the last at the end: a distance at the end alone would miss what swings
+    problem, steps = coarse.problem, coarse.steps
+    at = {state.step: state.u.copy() for state in states(problem, coarse.dt)}
+    assert [u.tobytes() for u in coarse.u] == [at[k * steps // 4].tobytes() for k in (1, 2, 3, 4)]
     assert coarse.steps * coarse.dt == pytest.approx(0.3, rel=1e-14)
 
 

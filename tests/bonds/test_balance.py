@@ -340,3 +340,21 @@ def test_forces_in_3d(kind):
     if kind == "random":
         assert errors[1] < 0.6 * errors[0]
         assert errors[3] < 0.6 * errors[2]
+
+
+@pytest.mark.parametrize(("dim", "n", "kind", "most"), [(1, 20, "random", 4e-4), (2, 10, "graded", 7e-4)])
+def test_targets_that_no_weights_can_meet_are_made_to_fit_first(dim, n, kind, most):
+    """Measured 1.7e-4 and 3.4e-4 near the boundary; with the targets as they come 1.2e-3 and 1.3e-3."""
+    balance = BondBasis(vector_basis(box(dim, n, kind)), 3.1 / n).balanced().balance
+    print(f"{dim}D: {balance.residual_near:.1e}")
+    assert balance.residual_near < most
+    assert not len(balance.unbalanced)
+
+
+def test_two_per_cent_near_the_boundary_count_as_met():
+    """At 2.2 vertices per horizon the worst vertex near the boundary is off by 3.8 %: a sixth of all are named."""
+    for per_horizon, least, most in ((2.2, 10, 30), (3.2, 0, 0)):
+        balance = BondBasis(vector_basis(box(2, 8, "random")), per_horizon / 8).balanced().balance
+        print(f"{per_horizon} vertices: {balance.residual_near:.1e}, {len(balance.unbalanced)} named")
+        assert (balance.residual_near > 0.02) == (per_horizon < 3)
+        assert least <= len(balance.unbalanced) <= most

@@ -176,3 +176,15 @@ def test_wrong_composites_are_refused_in_words():
     twice = mesh.with_subdomains({"right": mesh.subdomains["right"], "corner": mesh.subdomains["right"][:2]})
     with pytest.raises(ValueError, match="is in the subdomains 'right' and 'corner'; one material, please"):
         peri.Composite(SOFT, {"right": STIFF, "corner": SOFT}).member_of(twice)
+
+
+def test_bonds_between_materials_have_the_shape_of_the_weaker():
+    strong = peri.Material.from_elastic(young=1.0, toughness=4.0, density=1.0, potential="exponential")
+    weak = peri.Material.from_elastic(young=3.0, toughness=1.0, density=1.0, potential="rational")
+    for first, second in ((strong, weak), (weak, strong)):
+        composite = peri.Composite(first, {"inner": second})
+        laws = [material.law(3, 0.25) for material in composite.materials]
+        between = composite.mixed(laws, [0, 1])
+        assert type(between).__name__ == "Rational"
+        assert 1 / between.limit == pytest.approx(0.5 * (1 / laws[0].limit + 1 / laws[1].limit))
+        assert type(composite.mixed(laws, [0])) is type(laws[0])

@@ -274,3 +274,28 @@ def test_a_step_longer_than_the_run():
     """The run is then one step."""
     limit = StepLimit(4e-30, 0.0, 8e-30, 8e-30, 8e-30, products=0)
     assert limit.step_for(1.0) == 1.0
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_a_consistent_mass_is_at_least_the_lumped_one_over_d_plus_2(dim):
+    """Wathen: exactly that for an element by itself; the nodal bound of a consistent mass is that much larger."""
+    single = box(dim, 1).restrict([0])
+    basis = body_on(single, 2.0).basis
+    lumped, consistent = mass_matrix(basis), mass_matrix(basis, kind="consistent")
+    least = scipy.linalg.eigh(consistent.toarray(), lumped.toarray(), eigvals_only=True)[0]
+    assert least == pytest.approx(1.0 / (dim + 2), rel=1e-12)
+    body = body_on(box(dim, 4, "random"), 0.6)
+    bounds = [
+        stable_time_step(body, mass_matrix(body.basis, kind=kind)).nodal_bound for kind in ("lumped", "consistent")
+    ]
+    assert bounds[1] == pytest.approx((dim + 2) * bounds[0], rel=1e-12)
+
+
+def test_the_limit_of_a_tangent_keeps_a_margin(monkeypatch):
+    """To what a small space finds its residual and 2 % are added."""
+    from skfem_peridynamics.solve import tangent_limit
+
+    body = body_on(box(2, 10), 0.3)
+    monkeypatch.setattr(tangent_limit, "largest_mode", lambda apply, mass, **options: (4.0, None, 0.5))
+    step = tangent_limit.TangentLimit(body, mass_matrix(body.basis)).at(np.zeros(body.basis.N))
+    assert step == pytest.approx(2.0 / np.sqrt(4.5 * 1.02), rel=1e-14)

@@ -224,6 +224,21 @@ def test_a_law_that_stiffens_takes_an_adapted_step():
     np.testing.assert_allclose(u, u0[2 * right[0]] * np.cos(0.05 * t), rtol=1e-9)
 
 
+def test_an_adapted_step_is_never_longer_than_asked_for():
+    """A body that has softened would allow longer ones."""
+    body = body_on(box(2, 12, "random"), 0.3, peri.Exponential(1.0, 1e-3))
+    M = peri.mass_matrix(body.basis)
+    limit = peri.stable_time_step(body, M)
+    p = body.bonds.mesh.p
+    u0 = np.stack([0.055 * p[0], 0.055 * p[1]], axis=1).ravel()
+    assert peri.stable_time_step(body, M, u=u0).dt > 1.5 * limit.dt
+    dt = 0.5 * limit.dt
+    states = peri.central_difference(body, M, u0, dt=dt, until=40.5 * dt, limit=limit, adapt=5)
+    steps = [state.dt for state in states]
+    assert len(steps) > 40
+    assert max(steps) <= dt * (1 + 1e-12)
+
+
 @pytest.mark.parametrize("change", [{"adapt": -1}, {"adapt": 10, "limit": None}])
 def test_adapting_needs_a_limit(change):
     body = body_on(box(1, 20), 0.2)
