@@ -7,29 +7,35 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sparse
 
-from .._types import Csr, Floats, Longs, Mesh
+from .._types import Bools, Csr, Floats, Longs, Mesh
+from ..geometry.simplices import vertex_volumes
 from ..geometry.slit_tips import slit_tips
 
 CRACKED = 0.3  # of a vertex's bonds: the row beside a straight crack has lost 0.34 at eps/h = 2, 0.42 at 4, 0.46 at 8
 _BRANCH = 1.5  # horizons: what leaves the crack by less is its own width
-_MOST = 16  # branches followed
+_MOST = 16  # branches followed, and cracks
+_DEEP = 0.75  # horizons: a vertex beside a crack is whole from 0.31 of one on, what is crushed reaches farther in
 WINDOW = 5  # rows of a history that the speed of a tip is the slope of
 
 
 @dataclass(frozen=True, eq=False)
 class CrackPath:
-    """A crack, seen at the vertices that have lost bonds.
+    """The cracks of a body, seen at the vertices that have lost bonds.
 
     Parameters
     ----------
     tips : ndarray, (ntips, dim)
-        Its ends, the one farthest along first.
+        Their ends, those of the main crack first, of these the one farthest along.
     reach : ndarray, (ntips,)
-        How far each is along the crack from the slit, or from the other end of a crack that begins at none.
+        How far each is along its crack from where that begins: at a slit, at the boundary, or at its other end.
     length : float
-        Of all branches together.
+        Of all branches of all cracks together.
     direction : ndarray, (dim,)
         In which the first tip points.
+    cracks : int, optional
+        How many there are that do not touch.
+    crushed : float, optional
+        The part of the damaged volume that is no crack: more than 3/4 of a horizon from any vertex that is whole.
 
     Examples
     --------
@@ -41,6 +47,8 @@ class CrackPath:
     reach: Floats
     length: float
     direction: Floats
+    cracks: int = 0
+    crushed: float = 0.0
 
     @property
     def found(self) -> bool:
@@ -52,8 +60,8 @@ def crack_path(mesh: Mesh, intact: Floats, horizon: float, cracked: float = CRAC
     """Follow the crack along the vertices that have lost the part ``cracked`` of their bonds.
 
     They are joined within a horizon, so that lengths are those of the crack and not of the edges of the mesh; tips are
-    ends that are more than one and a half horizons off the rest. Of several cracks it is the one that begins at the
-    slit, or the longest. A tip seen so lags behind by up to half a horizon, always the same.
+    ends that are more than one and a half horizons off the rest. The main one of several cracks is the one that has
+    come farthest from a slit, or the longest. A tip seen so lags behind by up to half a horizon, always the same.
 
     Parameters
     ----------
@@ -80,29 +88,76 @@ def crack_path(mesh: Mesh, intact: Floats, horizon: float, cracked: float = CRAC
     >>> len(path.tips), bool(abs(path.length - 0.55) < 0.01), abs(path.direction).round(1).tolist()
     (1, True, [1.0, 0.0])
     """
-    from scipy.sparse.csgraph import connected_components, dijkstra
+    from scipy.sparse.csgraph import connected_components
 
     dim = int(mesh.dim())
-    nothing = CrackPath(np.zeros((0, dim)), np.zeros(0), 0.0, np.zeros(dim))
-    cracked_vertices = np.flatnonzero(1.0 - intact >= cracked)
+    damaged = 1.0 - intact >= cracked
+    cracked_vertices = np.flatnonzero(damaged)
     if not len(cracked_vertices):
-        return nothing
+        return CrackPath(np.zeros((0, dim)), np.zeros(0), 0.0, np.zeros(dim))
     x = mesh.p[:, cracked_vertices].T
     graph = _near(x, horizon)
-    far = _from_slit(mesh, x, horizon)
-    _, piece = connected_components(graph, directed=False)
-    if np.isfinite(far).any():
-        root = np.flatnonzero(np.isfinite(far))
-        return _branches(x, graph, root, far[root], horizon)
-    best, start = 0.0, np.zeros(1, dtype=np.int64)
-    for label in range(int(piece.max()) + 1):
+    far = _from(mesh.p[:, slit_tips(mesh)], x, horizon)
+    rim = _from(mesh.p[:, np.unique(mesh.facets[:, mesh.boundary_facets()])], x, horizon)
+    count, piece = connected_components(graph, directed=False)
+    found: list[tuple[bool, CrackPath]] = []
+    for label in _largest(x, piece, count):
         inside = np.flatnonzero(piece == label)
-        distance = dijkstra(graph, indices=int(inside[0]))
-        end = int(inside[np.argmax(distance[inside])])
-        longest = float(dijkstra(graph, indices=end)[inside].max())
-        if longest > best:
-            best, start = longest, np.array([end])
-    return _branches(x, graph, start, np.zeros(1), horizon) if best > 0.0 else nothing
+        part = graph[inside][:, inside]
+        root = np.flatnonzero(np.isfinite(far[inside]))
+        of_slit = len(root) > 0
+        if not of_slit and part.nnz == 0:
+            continue  # a vertex is a crack of no length
+        if not of_slit:
+            root = _beginning(x[inside], part, rim[inside])
+        offset = far[inside][root] if of_slit else np.zeros(len(root))
+        path = _branches(x[inside], part, root, offset, horizon)
+        if path.found:
+            found.append((of_slit, path))
+    if not found:
+        return CrackPath(np.zeros((0, dim)), np.zeros(0), 0.0, np.zeros(dim))
+    found.sort(key=lambda one: (not one[0], -one[1].reach[0]))
+    main = found[0][1]
+    # specks are no cracks, but for a single one
+    paths = [main, *(path for _, path in found[1:] if path.length > _BRANCH * horizon)]
+    return CrackPath(
+        np.concatenate([path.tips for path in paths]),
+        np.concatenate([path.reach for path in paths]),
+        float(sum(path.length for path in paths)),
+        main.direction,
+        len(paths),
+        _crushed(mesh, damaged, horizon),
+    )
+
+
+def _largest(x: Floats, piece: Longs, count: int) -> list[int]:
+    """The pieces of the largest extent, ``_MOST`` of them."""
+    low, high = np.full((count, x.shape[1]), np.inf), np.full((count, x.shape[1]), -np.inf)
+    np.minimum.at(low, piece, x)
+    np.maximum.at(high, piece, x)
+    extent = np.linalg.norm(high - low, axis=1)
+    return [int(label) for label in np.argsort(-extent, kind="stable")[:_MOST]]
+
+
+def _beginning(x: Floats, graph: Csr, rim: Floats) -> Longs:
+    """Where a crack that comes from no slit begins: at its end on the boundary, or the lower one in x, then y."""
+    from scipy.sparse.csgraph import dijkstra
+
+    one = int(np.argmax(dijkstra(graph, directed=False, indices=0)))
+    other = int(np.argmax(dijkstra(graph, directed=False, indices=one)))
+    ends = sorted((one, other), key=lambda k: (not np.isfinite(rim[k]), *x[k].tolist()))
+    return np.array(ends[:1], dtype=np.int64)
+
+
+def _crushed(mesh: Mesh, damaged: Bools, horizon: float) -> float:
+    """The part of the damaged volume that lies deep in it."""
+    from scipy.spatial import cKDTree
+
+    if damaged.all():
+        return 1.0
+    depth, _ = cKDTree(mesh.p[:, ~damaged].T).query(mesh.p[:, damaged].T)
+    volume = vertex_volumes(mesh)[damaged]
+    return float(volume[depth > _DEEP * horizon].sum() / volume.sum())
 
 
 def _near(x: Floats, horizon: float) -> Csr:
@@ -115,14 +170,13 @@ def _near(x: Floats, horizon: float) -> Csr:
     return sparse.csr_matrix((length, (i, j)), shape=(len(x), len(x)))
 
 
-def _from_slit(mesh: Mesh, x: Floats, horizon: float) -> Floats:
-    """The distance of points to the tips of the slit, inf beyond a horizon."""
-    tips = slit_tips(mesh)
-    if not len(tips):
+def _from(points: Floats, x: Floats, horizon: float) -> Floats:
+    """The distance of x (n, dim) to the nearest of some points (dim, m), inf beyond a horizon."""
+    if not points.shape[1]:
         return np.full(len(x), np.inf)
     from scipy.spatial import cKDTree
 
-    gap, _ = cKDTree(mesh.p[:, tips].T).query(x, distance_upper_bound=horizon * (1.0 + 1e-9))
+    gap, _ = cKDTree(points.T).query(x, distance_upper_bound=horizon * (1.0 + 1e-9))
     return np.asarray(gap, dtype=float)
 
 

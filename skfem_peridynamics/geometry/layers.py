@@ -125,7 +125,9 @@ class _Faces:
         # not at a corner: who sees no more than a crack tip does not see the crack
         end = mesh.p[:, vertices] - offset
         end += _AIM * (self.middle[:, which] - end) + view.size[vertices] * self.inward[:, which]
-        touching = (mesh.t[:, mesh.f2t[:, self.facets[which]]] == vertices).any(axis=(0, 1))
+        # an element sees its own facets; on the boundary the second element of a facet is the first
+        sides = mesh.f2t[:, self.facets[which]]
+        touching = (mesh.t[:, np.where(sides < 0, sides[:1], sides)] == vertices).any(axis=(0, 1))
         hidden = view.hidden(view.points[:, vertices], end, view.size[vertices]) & ~touching
         return np.where(hidden, np.inf, np.linalg.norm(offset, axis=0))
 

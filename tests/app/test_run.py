@@ -70,7 +70,7 @@ def test_history_balances_and_has_no_clock(finished):
     assert not {"seconds", "time", "date", "rate"} & set(rows[0])
     assert " ".join(rows[0]) == (
         "t step kinetic intact softened total work imbalance softened_bonds largest_Z "
-        "crack_reach crack_area crack_length tips tip_x tip_y reaction_left_x reaction_left_y"
+        "crack_reach crack_area crack_length tips tip_x tip_y cracks crushed reaction_left_x reaction_left_y"
     )
     assert [int(row["step"]) for row in rows][0::4] == [0, summary["steps"]]
     v = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}

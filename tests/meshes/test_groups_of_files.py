@@ -729,8 +729,8 @@ EXODUS = {
     "eb_names": ("S1", [list("steel\0\0"), list("\0\0\0\0\0\0\0")]),
     "node_ns1": ("i4", [1, 4]),
     "ns_prop1": ("i4", [7]),
-    "elem_ss1": ("i4", [3, 1]),
-    "side_ss1": ("i4", [2, 1]),
+    "elem_ss1": ("i4", [3, 1, 2]),
+    "side_ss1": ("i4", [2, 1, 2]),
     "ss_names": ("S1", [list("loaded\0")]),
 }
 
@@ -766,14 +766,14 @@ def test_blocks_and_sets_of_exodus(name, tmp_path):
     assert {key: area(mesh, key) for key in mesh.subdomains} == pytest.approx({"steel": 1.0, "20": 1.0})
     assert centre(mesh, "20") == pytest.approx([1.5, 0.5])
     assert side(mesh, "7") == [[0.0, 0.5]]
-    assert sorted(side(mesh, "loaded")) == [[0.5, 0.0], [2.0, 0.5]]
+    assert sorted(side(mesh, "loaded")) == [[0.5, 0.0], [0.5, 1.0], [2.0, 0.5]]
 
 
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"side_ss1": [5, 1]}, "the set of sides loaded has side 5 of a quad, which has 4"),
-        ({"elem_ss1": [4, 1]}, "the set of sides loaded lists 4 of 3"),
+        ({"side_ss1": [5, 1, 1]}, "the set of sides loaded has side 5 of a quad, which has 4"),
+        ({"elem_ss1": [4, 1, 1]}, "the set of sides loaded lists 4 of 3"),
         ({"node_ns1": [0, 1]}, "the set of nodes 7 lists 0 of 6"),
         ({"connect1": [[1, 2, 7], [1, 5, 4]]}, "block steel has vertex 7 of 6"),
         ({"connect2": [[2, 3]]}, "block 20 has elements of type 'QUAD4' with 2 nodes"),

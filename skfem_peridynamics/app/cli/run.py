@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _headline(out: Path, summary: dict[str, Any]) -> str:
     from ..files.results import Results
-    from ..report.run_page import verdict
+    from ..report.headline import verdict
 
     return verdict(Results(out, summary, {}, (), summary["run"]["scene"]))
 

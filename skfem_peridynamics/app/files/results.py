@@ -86,7 +86,7 @@ class Results:
 
 
 _NUMBERS = {
-    *("crack_length", "crack_reach", "crack_area", "tips", "largest_tip_speed"),
+    *("crack_length", "crack_reach", "crack_area", "tips", "largest_tip_speed", "cracks", "crushed"),
     *("energy_per_crack_length", "energy_per_crack_area", "energy_drift", "energy_lost", "error_estimate"),
     *("largest_Z", "softened_bonds", "broken_bonds", "nodes", "bonds", "steps", "step", "peak_memory_mb"),
 }

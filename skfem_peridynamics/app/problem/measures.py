@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Protocol
 
@@ -64,14 +65,28 @@ class Broken:
 class CrackTrack:
     """How far the crack has come, its area, and where its first tip is: no number while there is none.
 
-    In 2D also the length of all its branches, and the number of their tips.
+    In 2D also the length of all its branches, and the number of their tips. ``cracks`` counts those that do not touch;
+    ``crushed`` is the part of the damaged volume that is none. Where bonds break for good lengths do not shrink.
     """
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self.dim = problem, int(problem.mesh.dim())
         branches = ("crack_length", "tips") if self.dim == 2 else ()
-        self.columns = ("crack_reach", "crack_area", *branches, *(f"tip_{a}" for a in _AXES[: self.dim]))
+        tip = (f"tip_{a}" for a in _AXES[: self.dim])
+        self.columns = ("crack_reach", "crack_area", *branches, *tip, "cracks", "crushed")
         self._last: tuple[float, CrackPath] | None = None
+        self._most: tuple[float, ...] = (0.0,) * (3 if self.dim == 2 else 2)
+
+    def resume(self, rows: Sequence[tuple[float, ...]]) -> None:
+        """Go on from the rows of an earlier run, this measure's columns of them."""
+        for row in rows:
+            self._grown(row[: len(self._most)])
+
+    def _grown(self, sizes: tuple[float, ...]) -> tuple[float, ...]:
+        """Sizes that do not shrink where bonds do not heal."""
+        if self.problem.scene.material.breaking is not None:
+            self._most = sizes = tuple(max(pair) for pair in zip(self._most, sizes, strict=True))
+        return sizes
 
     @cached_property
     def intact(self) -> Intact:
@@ -87,9 +102,10 @@ class CrackTrack:
     def read(self, state: Moment, count: Census) -> tuple[float, ...]:
         path = self.path(state, count)
         reach = float(path.reach[0]) if path.found else 0.0
-        branches = (path.length, len(path.tips)) if self.dim == 2 else ()
+        sizes = self._grown((reach, count.area, *((path.length,) if self.dim == 2 else ())))
+        tips = (len(path.tips),) if self.dim == 2 else ()
         tip = path.tips[0].tolist() if path.found else [float("nan")] * self.dim
-        return (reach, count.area, *branches, *tip)
+        return (*sizes, *tips, *tip, path.cracks, path.crushed)
 
 
 class JIntegral:

@@ -12,8 +12,9 @@ from typing import Any
 from ..files.results import Results, Snapshot
 from ..files.whole_files import write_whole
 from ..scene.toml_text import to_toml
+from .headline import known, number, verdict
 from .page_style import STYLE
-from .run_pictures import draw, known
+from .run_pictures import draw
 
 _CAPTIONS = {
     "damage.png": "Where bonds have softened at the end of the run: pale is whole, dark is torn.",
@@ -64,41 +65,15 @@ def page(results: Results, pictures: Mapping[str, str]) -> str:
     )
 
 
-def verdict(results: Results) -> str:
-    """Say in a sentence or two what the run has found."""
-    summary, length = results.summary, results.units.after("length")
-    if not summary:
-        return "The run has not ended; this is what it has written so far."
-    status = str(summary.get("status", ""))
-    begin = "" if status == "finished" else f"The run did not finish: {status.removeprefix('stopped: ')}. "
-    Z = summary.get("largest_Z") or 0.0
-    if summary.get("crack_reach"):
-        fastest, rayleigh = summary.get("largest_tip_speed"), known(results, "rayleigh_speed")
-        speed = f"; its tip ran at up to {fastest / rayleigh:.2f} of the Rayleigh speed" if fastest and rayleigh else ""
-        if summary.get("crack_length"):
-            tips = summary.get("tips", 1)
-            branches = f", and has {tips} tips" if tips > 1 else ""
-            return f"{begin}The crack grew by {_number(summary['crack_length'])}{length}{branches}{speed}."
-        area = _number(summary.get("crack_area")) + results.units.after("area")
-        return f"{begin}A crack of {area} has opened, {_number(summary['crack_reach'])}{length} far{speed}."
-    if summary.get("softened_bonds") or summary.get("broken_bonds"):
-        return f"{begin}Bonds have softened, and no crack has grown from that that could be followed."
-    return f"{begin}No bond has softened; the largest strain of a bond was {Z:.2g} of the critical one."
-
-
-def _number(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
 def _cards(results: Results) -> str:
     summary = results.summary
     units, cards = results.units, []
     if summary.get("crack_length") is None and summary.get("crack_area") is not None:
-        cards.append(("crack area", _number(summary["crack_area"]) + units.after("area")))
+        cards.append(("crack area", number(summary["crack_area"]) + units.after("area")))
     if summary.get("crack_length") is not None:
-        cards.append(("crack length", _number(summary["crack_length"]) + units.after("length")))
+        cards.append(("crack length", number(summary["crack_length"]) + units.after("length")))
     if summary.get("largest_tip_speed"):
-        cards.append(("fastest tip", _number(summary["largest_tip_speed"]) + units.after("velocity")))
+        cards.append(("fastest tip", number(summary["largest_tip_speed"]) + units.after("velocity")))
     for name, label in (("energy_drift", "energy drift"), ("error_estimate", "estimated error of u")):
         if isinstance(summary.get(name), (int, float)):
             cards.append((label, f"{summary[name]:.2g}"))
@@ -139,17 +114,17 @@ def _crack_table(results: Results) -> str:
         ("crack_area", "the same by the bonds it has cut" if flat else "area", length if flat else units.after("area")),
     ):
         if summary.get(name) is not None:
-            rows.append((label, _number(summary[name]) + unit))
+            rows.append((label, number(summary[name]) + unit))
     if summary.get("tips") is not None:
         rows.append(("tips", str(summary["tips"])))
     if summary.get("largest_tip_speed") is not None:
         of = f", {summary['largest_tip_speed'] / rayleigh:.2f} of the Rayleigh speed" if rayleigh else ""
-        rows.append(("fastest tip", _number(summary["largest_tip_speed"]) + units.after("velocity") + of))
+        rows.append(("fastest tip", number(summary["largest_tip_speed"]) + units.after("velocity") + of))
     for size in ("length", "area"):
         release = summary.get(f"energy_per_crack_{size}")
         if release is not None and (size == "area") != flat:
             of = f", {release / toughness:.2f} of G_c" if toughness else ""
-            rows.append((f"energy of softened bonds per {size}", _number(release) + units.after("toughness") + of))
+            rows.append((f"energy of softened bonds per {size}", number(release) + units.after("toughness") + of))
     return _table(rows)
 
 
@@ -184,7 +159,7 @@ def _trust(summary: Mapping[str, Any]) -> str:
         ("peak_memory_mb", "memory, MB"),
     ):
         if summary.get(name) is not None:
-            rows.append((label, _number(summary[name])))
+            rows.append((label, number(summary[name])))
     limit = summary.get("step_limits")
     if isinstance(limit, dict) and isinstance(limit.get("by_eigenvalue"), (int, float)) and summary.get("step"):
         rows.append(("step over its limit", f"{summary['step'] / limit['by_eigenvalue']:.3f}"))

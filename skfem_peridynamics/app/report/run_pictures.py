@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from ..files.results import Results, Snapshot
 from ..scene.reading import SceneError
 from .body_pictures import animate, plot_course, plot_damage
+from .headline import known
 from .history_pictures import groups, plot_crack, plot_energies, plot_measures
 
 _COURSE = 4  # times shown side by side
@@ -41,13 +40,6 @@ def draw(results: Results, out: Path | None = None, last: Snapshot | None = None
             plot_measures(out / "measures.png", history, known(results, "toughness"), units, dim)
             names.append("measures.png")
     return names
-
-
-def known(results: Results, name: str) -> float | None:
-    """Return a constant of the material, or None where the summary does not have it."""
-    elastic = results.summary.get("elastic")
-    value = elastic.get(name) if isinstance(elastic, dict) else None
-    return float(value) if isinstance(value, (int, float)) and np.isfinite(value) else None
 
 
 def _spread(count: int) -> list[int]:

@@ -20,7 +20,7 @@ from ..files.checkpoint import Checkpoint, write_checkpoint
 from ..files.frames import Frames, clear, frame_name
 from ..files.history import History
 from ..files.whole_files import OutputError
-from ..problem.measures import Measure
+from ..problem.measures import CrackTrack, Measure
 from ..problem.problem import Problem
 from ..scene.reading import SceneError
 from .progress import Progress
@@ -100,7 +100,7 @@ class Record:
             if not (out / frame_name(k)).is_file():
                 raise SceneError(
                     f"{str(out / frame_name(k))!r} is missing, and the run to go on with has written it: "
-                    "put it back, or start over with --restart"
+                    "put it back, or start over with --overwrite"
                 )
         try:
             clear(out, times)
@@ -112,6 +112,10 @@ class Record:
         self.saved_step = 0 if earlier is None else earlier.state.step
         self.state: State | Equilibrium | None = None
         if earlier is not None:
+            for measure in self.measures:
+                if isinstance(measure, CrackTrack):
+                    first = self.history.columns.index(measure.columns[0])
+                    measure.resume([row[first:] for row in earlier.rows])
             self.state = dataclasses.replace(earlier.state, _body=problem.body)
 
     def take(self, state: State | Equilibrium, step: int | None) -> None:
