@@ -47,7 +47,7 @@ def test_too_large_is_refused_by_check_and_run_alike(monkeypatch, tmp_path):
     monkeypatch.setattr(cost, "free_memory", lambda: 1e8)
     for act in (lambda: check(small()), lambda: problem.Problem(small()).bonds):
         with pytest.raises(
-            SceneError, match=r"makes about .* bonds, which need 0.12 GB; 0.1 GB are free: take a smaller"
+            SceneError, match=r"makes about .* bonds, which need 0.121 GB; 0.1 GB are free: take a smaller"
         ):
             act()
 

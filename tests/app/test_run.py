@@ -1,6 +1,7 @@
 import csv
 import json
 import os
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -318,3 +319,21 @@ def test_python_m(tmp_path):
     )
     assert result.returncode == 0
     assert "dimension, nodes" in result.stdout
+
+
+def test_the_time_left_is_that_of_the_steps(monkeypatch, capsys):
+    """A first step that loads what it calls, 10 s, says nothing of the others; a pace that changes is followed."""
+    from skfem_peridynamics.app.run import progress
+
+    now = [0.0]
+    monkeypatch.setattr(progress.time, "perf_counter", lambda: now[0])
+    line = progress.Line()
+    line.begin("x", 1000)
+    for step in range(1001):
+        now[0] += 10.0 if step == 1 else 0.02 if step < 500 else 0.08
+        line.advance(step, 1.0, 1.0)
+    said = [re.search(r"step (\d+)/1000, .* (\d+) s left", row) for row in capsys.readouterr().out.splitlines()]
+    left = {int(found[1]): float(found[2]) for found in said if found}
+    assert left[200] == pytest.approx(800 * 0.02, abs=1.0)  # as it looks then
+    assert left[900] == pytest.approx(100 * 0.08, abs=1.0)
+    assert left[100] < 900 * 0.02 * 1.5

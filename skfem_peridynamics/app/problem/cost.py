@@ -16,6 +16,10 @@ SPARE = 0.8  # of the free memory that a run may plan to take
 PRODUCTS = 40  # of a step limit
 PER_IMPLICIT_STEP = 50  # evaluations of force, energy or tangent; 75 in examples/double_cantilever.toml
 _PROGRAM = 120_000_000  # bytes of the interpreter and the libraries
+_COMPILER = 90_000_000  # bytes of numba
+_PICTURES, _IN_PICTURE = 30_000_000, 900  # bytes of matplotlib, and a vertex that is drawn
+_MAKING = (130e6, 200.0)  # bytes while bonds are made: at most, and a bond
+_BALL_LISTED = 200  # bytes of a bond of the ball rule, as sparse products hold it
 _BALANCING = {1: 180, 2: 400, 3: 800}  # bytes a bond while weights are balanced
 _LOADING = 1.0  # seconds that it takes to load compiled loops, with what numba itself loads
 # seconds (docs/evidence/performance.md): a bond and force by sparse products; a bond and step of a whole run on two
@@ -48,13 +52,25 @@ def seconds_of_run(
     return parts
 
 
-def memory_of_run(mesh: Mesh, rule: Rule, nbonds: int, balanced: bool) -> int:
-    """Return the bytes of a run: bonds as listed and computed with, mesh, fields, and what the program itself takes."""
+def memory_of_run(
+    mesh: Mesh, rule: Rule, nbonds: int, balanced: bool, *, evaluations: float = PRODUCTS, pictures: bool = False
+) -> int:
+    """Return the bytes of a run: bonds as made and as computed with, mesh, fields, pictures, and the program itself.
+
+    Bonds are made in parts, which takes more than to hold them, but no more than so much (``_MAKING``).
+    """
     dim, nvertices, nelements = (int(x) for x in (mesh.dim(), mesh.nvertices, mesh.nelements))
-    kind = BallBonds if isinstance(rule, BallRule) else PairBonds
-    matrices = min(8 * nbonds if installed() else matrix_bytes(nbonds, dim, kind), MATRIX_MEMORY)
-    per_bond = (24 if installed() else 64) + (_BALANCING[dim] if balanced else 0)
-    return int(nbonds * per_bond + matrices) + 60 * 8 * dim * nvertices + 200 * dim * nelements + _PROGRAM
+    is_ball = isinstance(rule, BallRule)
+    compiled = installed() and worth_compiling(nbonds, evaluations)
+    matrices = min(
+        8 * nbonds if compiled else matrix_bytes(nbonds, dim, BallBonds if is_ball else PairBonds), MATRIX_MEMORY
+    )
+    listed = 24 if compiled else _BALL_LISTED if is_ball else 64
+    most, each = _MAKING
+    bonds = max(nbonds * listed + matrices, nbonds * 24 + min(most, nbonds * each))
+    bonds += nbonds * (_BALANCING[dim] if balanced else 0)
+    program = _PROGRAM + (_COMPILER if compiled else 0) + (_PICTURES + _IN_PICTURE * nvertices if pictures else 0)
+    return int(bonds) + 60 * 8 * dim * nvertices + 200 * dim * nelements + program
 
 
 def check_memory(need: float) -> None:

@@ -6,6 +6,7 @@ import dataclasses
 import logging
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.util import find_spec
 from math import ceil
 from typing import TYPE_CHECKING
 
@@ -178,7 +179,16 @@ class Problem:
     @property
     def expected_bytes(self) -> int:
         """Memory of the run."""
-        return memory_of_run(self.mesh, self.rule, self.expected_bonds, self.discretisation.balanced)
+        output, time = self.scene.output, self.scene.time
+        steps = time.steps or (time.until / time.step if time.step else 0.0)
+        return memory_of_run(
+            self.mesh,
+            self.rule,
+            self.expected_bonds,
+            self.discretisation.balanced,
+            evaluations=PRODUCTS + steps * (1 if self.explicit else PER_IMPLICIT_STEP),
+            pictures=output.pictures is not False and find_spec("matplotlib") is not None,
+        )
 
     def check_memory(self) -> None:
         """Raise :class:`SceneError` where the run would take more memory than there is."""
