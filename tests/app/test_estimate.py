@@ -68,7 +68,7 @@ def test_estimate_against_a_far_finer_run(tmp_path):
     assert found == pytest.approx(true, rel=0.1)  # 6.6 % measured
     assert "one refinement, taken to be of order 2" in summary["estimate_note"]
     assert summary["seconds"]["estimate"] > 0
-    assert main(["run", str(tmp_path / "scene.toml"), "--quiet", "--out", str(tmp_path / "out")]) == 0
+    assert main(["run", str(tmp_path / "scene.toml"), "--quiet", "--overwrite", "--out", str(tmp_path / "out")]) == 0
     assert "error_estimate" not in json.loads((tmp_path / "out" / "summary.json").read_text())
 
 
