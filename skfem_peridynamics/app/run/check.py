@@ -13,7 +13,8 @@ from ..problem.states import remarks, states
 from ..scene.reading import Mistakes, blame
 from ..scene.scene import Scene
 
-_FRAME_BYTES = {1: 30, 2: 42, 3: 60}  # a vertex, compressed
+_FRAME_BYTES = {1: 30, 2: 42, 3: 68}  # a vertex, compressed
+_FIELD_BYTES = 8  # a component of what a frame has besides
 _TRIED = 3_000_000  # so many bonds are made in a second or two; a scene with more is told from estimates
 
 
@@ -95,7 +96,10 @@ def _seconds(problem: Problem, nbonds: int, steps: float) -> str:
 
 def _output(problem: Problem) -> str:
     output = problem.scene.output
-    size = int(problem.mesh.nvertices) * _FRAME_BYTES[problem.mesh.dim()] / 1e6
+    dim = int(problem.mesh.dim())
+    each = _FRAME_BYTES[dim] + len(output.fields) * _FIELD_BYTES * dim * (dim + 1) // 2
+    each -= _FIELD_BYTES * dim if problem.scene.time.scheme == "static" else 0  # no velocity
+    size = int(problem.mesh.nvertices) * each / 1e6
     written = f"{output.frames} frames of about {size:.2g} MB, {output.history} rows, "
     every = output.every
     if every.steps:
