@@ -25,8 +25,11 @@ _LOADING = 1.0  # seconds that it takes to load compiled loops, with what numba 
 # seconds (docs/evidence/performance.md): a bond and force by sparse products; a bond and step of a whole run on two
 # cores, its history and frames included, by either engine
 _SPARSE_FORCE, _SPARSE_STEP, _COMPILED_STEP = 7e-9, 22e-9, 6e-9
-# seconds a vertex and a bond of a set-up, a bond while weights are balanced, a vertex of a frame
-_VERTEX, _BOND, _BALANCED_BOND, _IN_FRAME = 3e-6, 1.2e-7, 6e-5, 6e-6
+# seconds of any set-up, of a vertex, of a bond by dimension (slits are looked at), of a bond whose weights are balanced
+_SETUP, _VERTEX, _BOND, _BALANCED_BOND = 0.3, 3e-6, {1: 3e-7, 2: 1e-6, 3: 2.2e-6}, 6e-5
+_CALL = {True: 1e-4, False: 6e-4}  # seconds of an explicit step, and of an implicit evaluation, whatever the body
+# seconds a vertex of a frame; of pictures, and a vertex in them; of a row of the history, and a bond in it
+_IN_FRAME, _DRAWING, _DRAWN, _ROW, _IN_ROW = 6e-6, 1.5, 5e-5, 2e-3, 1e-8
 
 
 def worth_compiling(nbonds: int, evaluations: float) -> bool:
@@ -35,20 +38,31 @@ def worth_compiling(nbonds: int, evaluations: float) -> bool:
 
 
 def seconds_of_run(
-    nvertices: int, nbonds: int, steps: float, *, explicit: bool, balanced: bool, frames: int
+    nvertices: int,
+    nbonds: int,
+    steps: float,
+    *,
+    dim: int = 2,
+    explicit: bool,
+    balanced: bool,
+    frames: int,
+    rows: int = 0,
+    pictures: bool = False,
 ) -> dict[str, float]:
-    """Return about how many seconds the phases of a run take on two cores."""
+    """Return about how many seconds the phases of a run take on two cores; `docs/benchmarks/estimates.py` compares."""
 
     def a_bond(evaluations: float) -> float:
         compiled = installed() and worth_compiling(nbonds, evaluations)
         return _COMPILED_STEP if compiled else _SPARSE_STEP
 
     forces = steps if explicit else steps * PER_IMPLICIT_STEP
-    parts = {"set-up": nvertices * _VERTEX + nbonds * (_BOND + (_BALANCED_BOND if balanced else 0.0))}
+    each = _BOND[dim] + (_BALANCED_BOND if balanced else 0.0)
+    parts = {"set-up": _SETUP + nvertices * _VERTEX + nbonds * each}
     if explicit:
         parts["step limit"] = PRODUCTS * nbonds * a_bond(PRODUCTS)
-    parts["steps"] = forces * nbonds * a_bond(forces)
-    parts["output"] = frames * nvertices * _IN_FRAME
+    parts["steps"] = forces * (_CALL[explicit] + nbonds * a_bond(forces))
+    drawing = _DRAWING + nvertices * _DRAWN if pictures else 0.0
+    parts["output"] = frames * nvertices * _IN_FRAME + min(rows, steps) * (_ROW + nbonds * _IN_ROW) + drawing
     return parts
 
 

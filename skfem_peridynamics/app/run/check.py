@@ -10,6 +10,7 @@ from ..problem.cost import seconds_of_run
 from ..problem.measures import measures
 from ..problem.problem import Problem
 from ..problem.states import remarks, states
+from ..report import figure
 from ..scene.reading import Mistakes, blame
 from ..scene.scene import Scene
 
@@ -89,6 +90,9 @@ def _seconds(problem: Problem, nbonds: int, steps: float) -> str:
         explicit=problem.explicit,
         balanced=problem.discretisation.balanced,
         frames=scene.output.frames,
+        dim=int(problem.mesh.dim()),
+        rows=scene.output.history,
+        pictures=scene.output.pictures is not False and figure.available(),
     )
     listed = ", ".join(f"{name} {value:.2g} s" for name, value in parts.items() if isfinite(value))
     return (f"about {sum(parts.values()):.2g} s: " if isfinite(steps) else "") + listed
