@@ -77,7 +77,7 @@ def _doubts(results: Results) -> list[str]:
     name = "length" if summary.get("crack_length") else "area"
     energy = summary.get(f"energy_per_crack_{name}")
     if energy is not None and toughness and not _ENERGY[0] <= energy / toughness <= _ENERGY[1]:
-        out.append(f"its bonds hold {energy / toughness:.2g} of the toughness for each unit of {name}")
+        out.append(f"its bonds hold {energy / toughness:.1f} times the toughness for each unit of {name}")
     return out
 
 
