@@ -75,7 +75,13 @@ BODIES = {
         "not as a single crack. What was farthest",
         0.6,
     ),
-    "too much energy": (square, ([0.0, 0.5], [0.6, 0.5]), {"energy": 14.9}, "Its bonds hold 14.9 times the toughness", 0.6),
+    "too much energy": (
+        square,
+        ([0.0, 0.5], [0.6, 0.5]),
+        {"energy": 14.9},
+        "Its bonds hold 14.9 times the toughness",
+        0.6,
+    ),
 }
 
 
