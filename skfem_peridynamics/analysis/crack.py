@@ -14,7 +14,7 @@ from ..geometry.slit_tips import slit_tips
 CRACKED = 0.3  # of a vertex's bonds: the row beside a straight crack has lost 0.34 at eps/h = 2, 0.42 at 4, 0.46 at 8
 _BRANCH = 1.5  # horizons: what leaves the crack by less is its own width
 _MOST = 16  # branches followed, and cracks
-_DEEP = 0.75  # horizons: a vertex beside a crack is whole from 0.31 of one on, what is crushed reaches farther in
+_DEEP = 0.75  # horizons: a vertex 0.32 of one from a crack has lost the 0.3 (J = 1), what is crushed reaches farther in
 WINDOW = 5  # rows of a history that the speed of a tip is the slope of
 
 

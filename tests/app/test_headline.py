@@ -112,7 +112,7 @@ def test_a_branching_crack_and_three_at_once(tmp_path):
     print(sentence)
     assert sentence.startswith("3 cracks have opened, 1.")
     assert "advanced at up to 3.15 of the Rayleigh speed, which no crack outruns; its bonds hold 14.9 times" in sentence
-    assert path.length == pytest.approx(exact, abs=0.12)
+    assert path.length == pytest.approx(exact, abs=0.11)  # 0.097 measured: three cracks, each within its band
     assert path.cracks == 3
     assert path.tips[0] == pytest.approx([0.6, 0.2], abs=0.04)  # from the boundary, the longest of them
 
@@ -122,7 +122,7 @@ def test_what_is_crushed_is_no_crack(tmp_path):
     path, sentence = said(mesh, torn(mesh, disc=([0.5, 1.0], 0.3)), tmp=tmp_path)
     exact = ((0.3 - 0.75 * EPS) / 0.3) ** 2  # half a disc, and what lies deep in it
     print(f"{path.crushed:.3f}, by area {exact:.3f}: {sentence}")
-    assert path.crushed == pytest.approx(exact, abs=0.1)
+    assert path.crushed == pytest.approx(exact, abs=0.03)  # 0.010 measured
     assert sentence.startswith("A zone has been crushed, and is no crack: ")
 
 
@@ -130,7 +130,7 @@ def test_a_crack_in_space_by_its_area(tmp_path):
     mesh = grid((1, 20), (1, 20), (0.3, 6))
     path, sentence = said(mesh, torn(mesh, ([0.0, 0.5], [0.6, 0.5]), width=0.051), horizon=0.2, tmp=tmp_path)
     assert path.cracks == 1
-    assert path.reach[0] == pytest.approx(np.hypot(0.6, 0.3), abs=0.11)  # the diagonal of the strip
+    assert path.reach[0] == pytest.approx(np.hypot(0.6, 0.3), abs=0.06)  # the diagonal of the strip
     assert sentence.startswith("A crack of 0.36 has opened, 0.")
 
 
