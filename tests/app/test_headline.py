@@ -126,6 +126,24 @@ def test_what_is_crushed_is_no_crack(tmp_path):
     assert sentence.startswith("A zone has been crushed, and is no crack: ")
 
 
+def test_bonds_that_break_early_make_a_crack_all_the_same(tmp_path):
+    """At the critical strain they take 39 % of the toughness with them."""
+    mesh = square()
+    path = crack_path(mesh, torn(mesh, ([0.0, 0.5], [0.6, 0.5])), EPS)
+    summary = {
+        "status": "finished",
+        "crack_reach": 0.6,
+        "crack_length": path.length,
+        "cracks": 1,
+        "elastic": {"toughness": 1.0},
+    }
+    summary["energy_per_crack_length"] = 0.39
+    assert verdict(Results(tmp_path, summary, {}, (), {"material": {"breaking": 1.0}})).startswith(
+        "The crack grew by 0."
+    )
+    assert "not as a single crack" in verdict(Results(tmp_path, summary, {}, (), {"material": {}}))
+
+
 def test_a_crack_in_space_by_its_area(tmp_path):
     mesh = grid((1, 20), (1, 20), (0.3, 6))
     path, sentence = said(mesh, torn(mesh, ([0.0, 0.5], [0.6, 0.5]), width=0.051), horizon=0.2, tmp=tmp_path)
