@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .entries import decoded
+from .entries import content_of, decoded
 
 _DEEPEST = 8  # of files that include each other
 _FILES = 1000  # that are included, again or not
@@ -59,7 +59,7 @@ def _sections(path: Path, depth: int, included: list[int]) -> Iterator[Section]:
     if included[0] > _FILES:
         raise ValueError(f"it includes more than {_FILES} files, the last is {str(path)!r}")
     current: Section | None = None
-    lines = iter(enumerate(decoded(path.read_bytes()).splitlines(), 1))
+    lines = iter(enumerate(decoded(content_of(path)).splitlines(), 1))
     for number, line in lines:
         text = line.strip()
         if not text or text.startswith("**"):
@@ -105,7 +105,7 @@ def _rows_elsewhere(section: Section) -> list[str]:
         raise ValueError(
             f"line {section.line}: *{section.keyword} has INPUT={section['INPUT'][:60]}, which is not a file"
         )
-    lines = (line.strip() for line in decoded(path.read_bytes()).splitlines())
+    lines = (line.strip() for line in decoded(content_of(path)).splitlines())
     rows = [line for line in lines if line and not line.startswith("**")]
     if any(row.startswith("*") for row in rows):
         raise ValueError(f"{str(path)!r} has keywords; INPUT= of *{section.keyword} names a file of rows of numbers")

@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._files import read_regular
+from .._memory import free_memory
 from .._types import Floats, Longs
 
+READING = 20  # bytes of memory a byte of a mesh file: what an .inp takes, the most of all text formats
 _WHOLE = 2.0**53  # whole numbers up to here are exact as doubles
+
+
+def content_of(path: Path) -> bytes:
+    """Return what is in a file of a mesh. Raises ``ValueError`` where it cannot be read, or is too large."""
+    try:
+        return read_regular(path, free_memory() / READING)
+    except OSError as error:
+        raise ValueError(f"{str(path)!r} cannot be read: {error.strerror}") from None
 
 
 def decoded(content: bytes) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .._files import open_regular
 from .._types import Longs
 from .entries import decoded, whole
 from .mend import Raw
@@ -119,7 +120,7 @@ def _names(variables: Mapping[str, Any], kind: str, stem: str) -> dict[int, str]
 
 def _variables(path: Path) -> tuple[dict[str, Any], dict[str, str]]:
     """The arrays of a file by name, and the types of its elements."""
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         start = file.read(4)
     if start == b"\x89HDF":
         return _of_hdf(path)

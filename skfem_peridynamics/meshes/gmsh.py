@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from .._files import open_regular
 from .._types import Floats, Longs
-from .entries import decoded, once, whole
+from .entries import content_of, decoded, once, whole
 from .mend import Raw
 
 VERSIONS = ("2.2", "4.1")
@@ -108,7 +109,7 @@ def version_of(path: Path) -> str | None:
     """
     if path.suffix.lower() != ".msh" or not path.is_file():
         return None
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         found = re.match(
             rb"(?:\xef\xbb\xbf)?\s*(?:\$Comments.*?\$EndComments\s*)?\$MeshFormat\s+(\d+(?:\.\d+)?)",
             file.read(4096),
@@ -119,7 +120,7 @@ def version_of(path: Path) -> str | None:
 
 def read_gmsh(path: Path) -> Raw:
     """Return nodes, elements and groups of a file of version 2.2 or 4.1. Raises ``ValueError``."""
-    content = path.read_bytes()
+    content = content_of(path)
     header = re.search(rb"\$MeshFormat\s+(\S+)[ \t]+([01])[ \t]+8[ \t\r]*\n", content)
     if header is None:
         raise ValueError("its $MeshFormat is not a version, 0 or 1 for text or binary, and the size 8 of its numbers")

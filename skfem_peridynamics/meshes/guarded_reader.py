@@ -16,10 +16,14 @@ from typing import Any
 
 import numpy as np
 
+from .._files import open_regular
+from .._memory import free_memory
+from .entries import READING, content_of
 from .vtu import read_vtu
 
 # formats whose readers end on whatever they are given; the first bytes tell Gmsh's files from Ansys's of the same name
 _SAFE = {".vtk", ".mesh", ".meshb", ".vol", ".obj", ".stl"}
+_LINES = re.MULTILINE | re.IGNORECASE
 _SECONDS, _RATE = 5.0, 1e6  # patience, and bytes a second on top
 
 _CHILD = """
@@ -63,6 +67,7 @@ def read(path: Path) -> Any:
     if path.suffix.lower() == ".vtu":
         return read_vtu(path)
     if path.suffix.lower() in _SAFE:
+        _check_listed(path)
         return meshio.read(path)
     # isolated: with the working folder on its path a numpy.py beside the scene would be run
     patience = _SECONDS + path.stat().st_size / _RATE
@@ -110,10 +115,19 @@ def read(path: Path) -> Any:
     return mesh
 
 
+def _check_listed(path: Path) -> None:
+    """Raise ``ValueError`` where a VTK file has a grid that it does not list: a few bytes make any number of cells."""
+    grid = re.search(
+        rb"^[ \t]*DATASET[ \t]+(STRUCTURED_POINTS|STRUCTURED_GRID|RECTILINEAR_GRID)", content_of(path), _LINES
+    )
+    if path.suffix.lower() == ".vtk" and grid:
+        raise ValueError(f"{grid[1].decode()} has quadrilaterals or bricks; write triangles or tetrahedra")
+
+
 def _is_gmsh(path: Path) -> bool:
     if path.suffix.lower() != ".msh":
         return False
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         return file.read(64).lstrip().startswith((b"$MeshFormat", b"$Comments"))
 
 
@@ -121,14 +135,32 @@ def _read_xdmf(path: Path) -> Any:
     """Read XDMF; numbers that stand in the file itself are read without h5py, which meshio asks for before it looks."""
     from meshio.xdmf.main import XdmfReader, xdmf_to_numpy_type
 
-    class Inline(XdmfReader):  # type: ignore[misc]
+    class Bounded(XdmfReader):  # type: ignore[misc]
         def _read_data_item(self, item: Any, root: Any = None) -> Any:
-            if "Reference" in item.attrib or item.get("Format", "XML") != "XML":
+            if "Reference" in item.attrib:
                 return super()._read_data_item(item, root)
-            kind = item.get("DataType", item.get("NumberType", "Float"))
-            dtype = xdmf_to_numpy_type[kind, item.get("Precision", "4")]
-            return np.array((item.text or "").split(), dtype=dtype).reshape(
-                [int(n) for n in item.get("Dimensions").split()]
-            )
+            kind, text = item.get("DataType", item.get("NumberType", "Float")), item.text or ""
+            dtype = np.dtype(xdmf_to_numpy_type[kind, item.get("Precision", "4")])
+            sizes = [int(n) for n in item.get("Dimensions").split()]
+            form = item.get("Format", "XML")
+            if form == "XML":
+                return np.array(text.split(), dtype=dtype).reshape(sizes)
+            if form == "Binary":
+                return np.frombuffer(content_of(path.parent / text.strip()), dtype=dtype).reshape(sizes)
+            if form != "HDF":
+                raise ValueError(f"data in the format {form[:40]!r} is not read: write it as XML, Binary or HDF")
+            return _read_hdf(path.parent, text.strip())
 
-    return Inline(path).read()
+    return Bounded(path).read()
+
+
+def _read_hdf(folder: Path, place: str) -> Any:
+    """Read ``file:path`` of an HDF5 file; what is packed there may be far more than the file."""
+    import h5py
+
+    name, _, inside = place.partition(":")
+    with open_regular(folder / name) as raw, h5py.File(raw, "r") as file:
+        numbers = file[inside.strip("/")]
+        if numbers.nbytes * READING > free_memory():
+            raise ValueError(f"{place[:80]!r} unpacks to {numbers.nbytes / 1e6:.3g} MB, too much for the free memory")
+        return numbers[()]

@@ -16,13 +16,13 @@ import numpy as np
 from .._memory import free_memory
 from .._types import Floats, Mesh
 from ..geometry.simplices import describe_point
+from .entries import READING
 from .mend import Mended, Raw, mend
 
 _log = logging.getLogger("skfem_peridynamics")
 _PRINTING = threading.Lock()
 _LARGEST = 1e100  # of a coordinate: powers of it must stay numbers
 _BETTER = "as .msh (Gmsh 4.1), .vtu or .inp"
-_READING = 20  # bytes of memory a byte of a mesh file: what an .inp takes, the most of all text formats
 
 
 @contextlib.contextmanager
@@ -47,10 +47,10 @@ def mended_mesh(path: Path, scale: float = 1.0, join: bool = False) -> Mended:
     name = repr(str(path))
     if not path.is_file():
         raise ValueError(f"{name} is not a file")
-    if path.stat().st_size * _READING > free_memory():
+    if path.stat().st_size * READING > free_memory():
         raise ValueError(
             f"{name} has {path.stat().st_size / 1e6:.3g} MB; reading it takes about "
-            f"{_READING} times as much memory, and {free_memory() / 1e6:.3g} MB are free: take a coarser mesh"
+            f"{READING} times as much memory, and {free_memory() / 1e6:.3g} MB are free: take a coarser mesh"
         )
     try:
         own = _own_reader(path)

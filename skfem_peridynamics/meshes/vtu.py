@@ -19,7 +19,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from .._types import Longs
-from .entries import decoded, whole
+from .entries import content_of, decoded, whole
 
 Array = np.ndarray[Any, np.dtype[Any]]
 _AGAIN = "save it again, from ParaView by Save Data with Data Mode ASCII, or Binary and Compressor Type ZLib"
@@ -52,7 +52,7 @@ def read_vtu(path: Path) -> Any:
 
     Raises ``ValueError`` for what is not known, and where arrays are not as long as the file declares.
     """
-    content = path.read_bytes()
+    content = content_of(path)
     named = re.search(rb'<VTKFile[^>]*compressor="([^"]*)"', content)
     if named and decoded(named[1]) not in _UNPACKERS:
         raise ValueError(f"its data are compressed by {decoded(named[1])[:60]}, which is not read: {_AGAIN}")

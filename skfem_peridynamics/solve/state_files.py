@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import os
+import io
 import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .._files import aside, open_regular, write_all
 from .state import State, contents, rebuilt
 
 
@@ -32,13 +33,13 @@ def save_state(path: str | Path, state: State) -> None:
     [1.0, 1.0]
     """
     path = Path(path)
-    aside = path.with_name(path.name + ".part")
     numbers, vectors, broken = contents(state)
     content: dict[str, Any] = {name: np.asarray(value) for name, value in (numbers | vectors).items()}
     content |= {f"broken_{k}": bonds for k, bonds in enumerate(broken or ())}
-    with open(aside, "wb") as file:
-        np.savez(file, **content)
-    os.replace(aside, path)
+    whole = io.BytesIO()
+    np.savez(whole, **content)  # type: ignore[arg-type]
+    with aside(path) as file:
+        write_all(file, whole.getbuffer())
 
 
 def load_state(path: str | Path) -> State:
@@ -70,7 +71,7 @@ def load_state(path: str | Path) -> State:
     0.5
     """
     try:
-        with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
+        with open_regular(path) as raw, np.load(raw, allow_pickle=False) as file:
             numbers = {name: file[name].item() for name in (*State.NUMBERS, "spent") if name in file}
             vectors = {name: file[name] for name in (*State.VECTORS, "tangent") if name in file}
             lists = sum(name.startswith("broken_") for name in file)

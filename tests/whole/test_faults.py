@@ -17,9 +17,9 @@ import pytest
 import faults
 from faults import FULL_DISK, SMALL, forked, killed_run, last_step, nothing_corrupt, results, small, starved_run, stop
 from skfem_peridynamics import Scene, UnstableRun, run
+from skfem_peridynamics import _files as files
 from skfem_peridynamics.app.cli.main import main
 from skfem_peridynamics.app.files import history
-from skfem_peridynamics.app.files import whole_files as files
 from skfem_peridynamics.app.files.checkpoint import NAME, read_checkpoint
 from skfem_peridynamics.app.files.whole_files import OutputError, hold
 from skfem_peridynamics.app.run.signals import Signals
@@ -122,24 +122,10 @@ def test_a_full_disk_names_the_file(name, whole, tmp_path, monkeypatch, caplog):
     """A row is taken back whole; a checkpoint is done without; all else ends the run, which can then go on."""
     real, room = files.open_new, [100]
 
-    def open_new(path):
-        return Full(real(path), room) if path.name == f"{name}.part" else real(path)
+    def open_new(path, *how):
+        return Full(real(path, *how), room) if path.name == f"{name}.part" else real(path, *how)
 
     monkeypatch.setattr(files, "open_new", open_new)
-    monkeypatch.setattr("skfem_peridynamics.app.files.checkpoint.open_new", open_new)
-    if name.endswith(".vtu"):
-        import meshio
-
-        def write(mesh, path, file_format):
-            path.write_bytes(b"<half")
-            raise OSError(28, "No space left on device")
-
-        plain = meshio.Mesh.write
-        monkeypatch.setattr(
-            meshio.Mesh,
-            "write",
-            lambda mesh, path, file_format: (write if path.name == f"{name}.part" else plain)(mesh, path, file_format),
-        )
     if name == "history.csv":
         made = history.History.__init__
 
@@ -305,11 +291,11 @@ def test_stopped_while_a_checkpoint_is_written(whole, tmp_path, monkeypatch):
     """An interrupt in the middle of the file: the older one is still there."""
     real, calls = files.os.replace, []
 
-    def replaced(source, target):
+    def replaced(source, target, **how):
         calls.append(os.path.basename(target))
         if calls.count(NAME) == 3:
             raise KeyboardInterrupt
-        real(source, target)
+        real(source, target, **how)
 
     monkeypatch.setattr(files.os, "replace", replaced)
     with pytest.raises(KeyboardInterrupt), Signals():

@@ -3,26 +3,41 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import logging
 import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
+from typing import NoReturn
 
 from ..._version import __version__
 from ..scene.reading import SceneError
+from ..scene.shown import cut, shown
+from .streams import guarded
+
+_TABLES = ("check", "cfl")  # commands that are asked for what they print
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    arguments = make_parser().parse_args(argv)
-    logging.basicConfig(format="note: %(message)s")
+    with guarded() as (out, _):
+        arguments = make_parser().parse_args(argv)
+        logging.basicConfig(format="note: %(message)s")
+        code = _run(arguments)
+        out.flush()
+        # a reader that has read enough closes the pipe, and is no fault; what was asked for on a full disk is one
+        if code == 0 and out.lost is not None and out.lost.errno != errno.EPIPE and arguments.command in _TABLES:
+            return _complain(f"standard output cannot be written: {out.lost.strerror}", 1)
+        return code
+
+
+def _run(arguments: argparse.Namespace) -> int:
     try:
         # each subcommand is a module with a function of the same name, loaded when it is asked for
         command = getattr(import_module(f".{arguments.command}", __package__), arguments.command)
         code: int = command(arguments)
-        sys.stdout.flush()
         return code
     except KeyboardInterrupt as error:
         return _complain(str(error) or "interrupted", getattr(error, "code", 130))
@@ -32,11 +47,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _complain(f"not enough memory: {error or 'take a coarser mesh or a smaller horizon'}", 2)
     except (OverflowError, RecursionError) as error:
         return _complain(f"a number in the input is too large or too small to compute with: {error}", 2)
-    except BrokenPipeError:  # whoever read the table has read enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except OSError as error:
-        return _complain(f"cannot read or write {error.filename!r}: {error.strerror}", 1)
+    except OSError as error:  # a folder that may not be read or written, a disk that is full
+        what = "a file" if error.filename is None else shown(os.fspath(error.filename))
+        return _complain(f"{what} cannot be read or written: {error.strerror or error}", 2)
     except Exception as error:
         from ...solve.instability import UnstableRun
         from ...solve.newton import NotConverged
@@ -54,9 +67,15 @@ def _complain(message: object, code: int) -> int:
     return code
 
 
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong with the arguments, and no more of them than that takes."""
+        super().error(cut(message, 400))
+
+
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line, with a subparser for each subcommand."""
-    parser = argparse.ArgumentParser(prog="skfem-peridynamics", description="Nonlocal fracture on scikit-fem meshes.")
+    parser = _Parser(prog="skfem-peridynamics", description="Nonlocal fracture on scikit-fem meshes.")
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(dest="command", required=True)
 

@@ -17,9 +17,11 @@ from typing import IO, Any
 
 import numpy as np
 
+from ..._files import open_regular, rename, write_all
+from ..._files import remove as remove_file
 from ..._types import Floats
 from ...solve.state import Equilibrium, State, contents, rebuilt
-from .whole_files import OutputError, aside, open_new, write_all
+from .whole_files import OutputError, aside
 
 NAME, OLDER = "checkpoint.bin", "checkpoint_older.bin"
 _FIRST = b"skfem-peridynamics checkpoint 1\n"
@@ -59,25 +61,24 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
     if broken is not None:
         header["broken"] = [bonds.tolist() for bonds in broken]
     header["vectors"] = list(vectors)
-    with aside(path) as part:
-        with open_new(part) as file:
-            digest = hashlib.sha256()
-            content: list[bytes | memoryview] = [_FIRST, json.dumps(header).encode() + b"\n"]
-            content += [np.ascontiguousarray(x, dtype="<f8").data.cast("B") for x in vectors.values()]
-            for piece in content:
-                digest.update(piece)
-                write_all(file, piece)
-            write_all(file, digest.hexdigest().encode() + b"\n")
-            os.fsync(file.fileno())
+    with aside(path) as file:
+        digest = hashlib.sha256()
+        content: list[bytes | memoryview] = [_FIRST, json.dumps(header).encode() + b"\n"]
+        content += [np.ascontiguousarray(x, dtype="<f8").data.cast("B") for x in vectors.values()]
+        for piece in content:
+            digest.update(piece)
+            write_all(file, piece)
+        write_all(file, digest.hexdigest().encode() + b"\n")
+        os.fsync(file.fileno())
         with contextlib.suppress(FileNotFoundError):
-            os.replace(path, folder / OLDER)
+            rename(path, OLDER)
 
 
 def read_checkpoint(path: Path) -> Checkpoint:
     """Read a checkpoint. Raises :class:`DamagedCheckpoint` for a file that is not what was written."""
     try:
-        with open(path, "rb") as file:
-            return _read(file, path.stat().st_size)
+        with open_regular(path) as file:
+            return _read(file, os.fstat(file.fileno()).st_size)
     except DamagedCheckpoint as error:
         raise DamagedCheckpoint(f"{str(path)!r} is damaged: {error}") from None
     except OSError as error:
@@ -142,7 +143,7 @@ def latest(folder: Path, report: Callable[[str], None]) -> Checkpoint | None:
         for message in damaged:
             report(f"{message}; going on from the older one, of step {checkpoint.state.step}")
             with contextlib.suppress(OSError):  # the next one must not take the place of the one that is whole
-                (folder / NAME).unlink()
+                remove_file(folder / NAME)
         return checkpoint
     if damaged:
         raise DamagedCheckpoint(f"{damaged[0]}, and there is no other; remove it to start afresh")
@@ -153,6 +154,6 @@ def remove(folder: Path) -> None:
     """Remove the checkpoints of a run that needs them no more."""
     for name in (NAME, OLDER, NAME + ".part"):
         try:
-            (folder / name).unlink(missing_ok=True)
+            remove_file(folder / name)
         except OSError as error:
             raise OutputError(folder / name, error) from error

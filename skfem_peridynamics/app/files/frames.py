@@ -6,16 +6,17 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from xml.sax.saxutils import escape, quoteattr
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from ..._files import remove
 from ..._types import Basis, Floats
 from ..scene.units import KNOWN, UnitsTable
-from .whole_files import aside, write_whole
+from .vtu_writer import VtuWriter
+from .whole_files import write_whole
 
 _FRAME = re.compile(r"frame_(\d{4,})\.vtu(\.part)?")
-_CELLS = {1: "line", 2: "triangle", 3: "tetra"}
 _OTHERS = (
     *("frames.pvd", "history.csv", "summary.json", "report.html", "animation.gif"),
     *("damage.png", "course.png", "energies.png", "crack.png", "measures.png"),
@@ -28,9 +29,9 @@ def clear(folder: Path, times: Sequence[float] = ()) -> None:
     The frames of ``times``, which are continued, stay too, and the history, which takes the place of the old one.
     """
     for name in _OTHERS:
-        (folder / f"{name}.part").unlink(missing_ok=True)
+        remove(folder / f"{name}.part")
         if not (times and name in ("frames.pvd", "history.csv")):
-            (folder / name).unlink(missing_ok=True)
+            remove(folder / name)
     if times:
         list_frames(folder, times)
     clear_frames(folder, len(times))  # after the list: it never names what is not there
@@ -56,7 +57,7 @@ def clear_frames(folder: Path, keep: int = 0) -> None:
     for old in list(folder.iterdir()):
         name = _FRAME.fullmatch(old.name)
         if name is not None and (int(name[1]) >= keep or name[2]):
-            old.unlink(missing_ok=True)
+            remove(old)
 
 
 def frame_name(number: int) -> str:
@@ -106,8 +107,9 @@ class Frames:
         self.folder = Path(self.folder)
         self.folder.mkdir(parents=True, exist_ok=True)
         if not self.times:
-            (self.folder / "frames.pvd").unlink(missing_ok=True)
+            remove(self.folder / "frames.pvd")
         clear_frames(self.folder, len(self.times))
+        self._writer = VtuWriter(self.basis.mesh)
 
     def write(self, t: float, **fields: Floats) -> Path:
         """Write one frame and return its path.
@@ -129,8 +131,6 @@ class Frames:
         ValueError
             For a field of another length.
         """
-        import meshio
-
         mesh = self.basis.mesh
         n, dim = mesh.nvertices, mesh.dim()
         point_data = {}
@@ -141,26 +141,12 @@ class Frames:
             elif values.shape not in ((n,), (n, 6)):
                 raise ValueError(f"field {name!r} has shape {values.shape}; it needs ({n},), ({n * dim},) or ({n}, 6)")
             point_data[name] = _single(values)
-        points = np.pad(mesh.p.T, ((0, 0), (0, 3 - dim)))
         path = Path(self.folder) / frame_name(len(self.times))
-        cells = [(_CELLS[dim], np.ascontiguousarray(mesh.t.T, dtype=np.int32))]
-        with aside(path) as part:
-            meshio.Mesh(points, cells, point_data=point_data).write(part, file_format="vtu")
-            _note_units(part, {name: self.units.of(name) for name in point_data if name in KNOWN})
+        units = {name: self.units.of(name) for name in point_data if name in KNOWN}
+        write_whole(path, self._writer.frame(point_data, units))
         self.times.append(t)
         list_frames(Path(self.folder), self.times)
         return path
-
-
-def _note_units(path: Path, units: dict[str, str]) -> None:
-    """Add its unit to each field, as the information key that VTK has for it, after the numbers."""
-    content = path.read_bytes()
-    for name, unit in units.items():
-        start = content.index(f'Name="{name}"'.encode())
-        end = content.index(b"</DataArray>", start)
-        note = f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{escape(unit)}</InformationKey>'
-        content = content[:end] + note.encode() + content[end:]
-    path.write_bytes(content)
 
 
 def _single(values: Floats) -> Floats:

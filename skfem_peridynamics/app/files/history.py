@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from ..._files import handle_of, write_all
 from ..._types import Floats
 from ...solve.cfl import StepLimit
-from .whole_files import OutputError, write_all, write_whole
+from .whole_files import OutputError, aside, write_whole
 
 
 class History:
@@ -26,12 +27,9 @@ class History:
 
     def __init__(self, path: Path, columns: Sequence[str], rows: Sequence[tuple[float, ...]] = ()) -> None:
         self.path, self.columns, self.rows = path, tuple(columns), list(rows)
-        write_whole(path, "".join(self._lines([self.columns, *self.rows])))
-        try:
-            self._file = open(path, "ab", buffering=0)  # noqa: SIM115 (closed by close)
-            self._size = os.fstat(self._file.fileno()).st_size
-        except OSError as error:
-            raise OutputError(path, error) from error
+        with aside(path, keep_open=True) as self._file:  # closed by close
+            write_all(self._file, "".join(self._lines([self.columns, *self.rows])).encode())
+        self._size = os.fstat(self._file.fileno()).st_size
 
     @staticmethod
     def _lines(rows: Sequence[Sequence[float | str]]) -> Iterator[str]:
@@ -44,7 +42,9 @@ class History:
     def add(self, *row: float) -> None:
         content = "".join(self._lines([row])).encode()
         try:
-            there = os.stat(self.path)
+            with handle_of(self.path.parent) as folder:
+                name = self.path if folder is None else self.path.name
+                there = os.stat(name, dir_fd=folder, follow_symlinks=False)
             if not os.path.samestat(there, os.fstat(self._file.fileno())):
                 raise FileNotFoundError(2, "another file has taken its place")
             write_all(self._file, content)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import math
 import re
@@ -14,9 +15,13 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from ..._files import MB, read_regular
 from ..._types import Floats, Mesh
 from ..scene.reading import LARGEST, SceneError
 from ..scene.units import UnitsTable
+
+# bytes: rows and frames of a scene have bounds, which are far below
+SUMMARY_MOST, HISTORY_MOST, LIST_MOST = 64 * MB, 512 * MB, 16 * MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +110,7 @@ def _rename_old(summary: dict[str, Any]) -> None:
 def _summary(path: Path) -> dict[str, Any]:
     if not path.is_file():
         return {}
-    summary = json.loads(path.read_bytes())
+    summary = json.loads(read_regular(path, SUMMARY_MOST))
     if not isinstance(summary, dict):
         raise ValueError("summary.json holds no table")
     _rename_old(summary)
@@ -131,8 +136,7 @@ _HISTORY = ("t", "kinetic", "intact", "softened", "total", "work")
 def _history(path: Path) -> dict[str, Floats]:
     if not path.is_file():
         return {}
-    with open(path, newline="") as file:
-        rows = list(csv.reader(file))
+    rows = list(csv.reader(io.StringIO(read_regular(path, HISTORY_MOST).decode(), newline="")))
     if not rows:
         return {}
     names, numbers = rows[0], rows[1:]
@@ -152,7 +156,7 @@ def _frames(folder: Path) -> tuple[tuple[float, Path], ...]:
     if not (folder / "frames.pvd").is_file():
         return ()
     out = []
-    for entry in ElementTree.parse(folder / "frames.pvd").getroot().iter("DataSet"):
+    for entry in ElementTree.fromstring(read_regular(folder / "frames.pvd", LIST_MOST)).iter("DataSet"):
         name, t = entry.attrib["file"], float(entry.attrib["timestep"])
         if not re.fullmatch(r"frame_\d{4,}\.vtu", name) or not math.isfinite(t):
             raise ValueError(f"frames.pvd lists {name!r}, which is no frame")

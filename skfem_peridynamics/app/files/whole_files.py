@@ -1,4 +1,4 @@
-"""Files that are never seen half written: made aside, flushed to the disk, renamed. Folders, and who writes to them."""
+"""Files of the output that are never seen half written; folders, and who writes to them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
+from ... import _files
 from ..scene.reading import SceneError
 
 LOCK = ".lock"
@@ -20,116 +21,119 @@ class OutputError(RuntimeError):
         super().__init__(f"{str(path)!r} cannot be written: {error.strerror or error}")
 
 
-def open_new(path: Path) -> IO[bytes]:
-    """Open a file that must be new, unbuffered: a symbolic link that waits there is not followed."""
-    return open(path, "xb", buffering=0)
-
-
 @contextlib.contextmanager
-def aside(path: Path) -> Iterator[Path]:
-    """Give the path to write a file to; when that is done it is flushed and takes its final name.
-
-    Raises :class:`OutputError`, with the final name, for any failure of the system; nothing is left behind then.
-
-    >>> import tempfile
-    >>> place = Path(tempfile.mkdtemp()) / "a.txt"
-    >>> with aside(place) as part:
-    ...     _ = part.write_text("whole")
-    ...     place.exists()
-    False
-    >>> place.read_text()
-    'whole'
-    """
-    part = path.with_name(path.name + ".part")
+def aside(path: Path, keep_open: bool = False) -> Iterator[IO[bytes]]:
+    """Give a new file to write; when that is done it takes its name. Raises :class:`OutputError`, with that name."""
     try:
-        part.unlink(missing_ok=True)
-        yield part
-        with open(part, "rb") as file:
-            os.fsync(file.fileno())
-        os.replace(part, path)
-        _flush_folder(path.parent)
-    except BaseException as error:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise OutputError(path, error) from error
-        raise
+        with _files.aside(path, keep_open) as file:
+            yield file
+    except OSError as error:
+        raise OutputError(path, error) from error
 
 
-def _flush_folder(folder: Path) -> None:
-    """Have the names in a folder written to the disk, where the system can."""
-    with contextlib.suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file so that it is never seen half written. Raises :class:`OutputError`.
 
-
-def write_whole(path: Path, content: str) -> None:
-    """Write a text file so that it is never seen half written. Raises :class:`OutputError`."""
-    with aside(path) as part, open_new(part) as file:
-        write_all(file, content.encode())
-
-
-def write_all(file: IO[bytes], content: bytes | memoryview) -> None:
-    """Write to an unbuffered file until all is written."""
-    left = memoryview(content).cast("B")
-    while left:
-        left = left[file.write(left) :]
+    Half of a pair of surrogates, which a file name may have and UTF-8 has not, becomes a question mark.
+    """
+    with aside(path) as file:
+        _files.write_all(file, content.encode(errors="replace") if isinstance(content, str) else content)
 
 
 def make_folder(folder: Path) -> None:
     """Make an output folder. Raises :class:`SceneError` where that is not possible."""
-    if folder.exists() and not folder.is_dir():
-        raise SceneError(f"output folder {str(folder)!r} exists and is not a folder")
+    check_name(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise SceneError(f"output folder {str(folder)!r} cannot be written: {error.strerror}") from None
 
 
+def check_name(folder: Path) -> None:
+    """Raise :class:`SceneError` where no folder can be under this name, or something else is."""
+    try:
+        if folder.exists() and not folder.is_dir():
+            raise SceneError(f"output folder {str(folder)!r} exists and is not a folder")
+    except ValueError:
+        raise SceneError(f"output folder {str(folder)!r} is no name of a folder") from None
+    except OSError as error:  # too long, or in a folder that cannot be looked into
+        raise SceneError(f"output folder {str(folder)!r} cannot be looked at: {error.strerror}") from None
+
+
 @contextlib.contextmanager
 def hold(folder: Path) -> Iterator[None]:
     """Keep a folder for one run; the system lets go of it when the process ends, however that happens.
 
-    Raises :class:`SceneError` where another run holds it, or nothing can be written there.
+    It is written by its handle as long as this lasts. Raises :class:`SceneError` where another run holds it, or
+    nothing can be written there.
     """
     path = folder / LOCK
-    try:
-        file = _locked(path)
-    except BlockingIOError:
-        owner = _owner(path)
-        raise SceneError(
-            f"output folder {str(folder)!r} is in use by another run{owner}; give this one another"
-        ) from None
-    except OSError as error:
-        raise SceneError(f"output folder {str(folder)!r} cannot be written: {error.strerror}") from None
-    try:
-        yield
-    finally:
-        with contextlib.suppress(OSError):
-            if os.path.samestat(os.fstat(file), os.stat(path)):  # still ours: folders get removed and made again
-                os.unlink(path)
-        os.close(file)
+    with contextlib.ExitStack() as stack:
+        try:
+            stack.enter_context(_files.held(folder))
+            file = _locked(path)
+        except BlockingIOError:
+            owner = _owner(path)
+            raise SceneError(
+                f"output folder {str(folder)!r} is in use by another run{owner}; give this one another"
+            ) from None
+        except OSError as error:
+            raise SceneError(f"output folder {str(folder)!r} cannot be written: {error.strerror}") from None
+        try:
+            yield
+        finally:
+            with contextlib.suppress(OSError):
+                if _is(file, path):  # still ours: folders get removed and made again
+                    _files.remove(path)
+            os.close(file)
 
 
 def _locked(path: Path) -> int:
-    """Open and lock a file; again where it was removed in between by the run that had it."""
+    """Return a new file, locked. One that is left of a run that died is locked, too, and removed: never written to."""
     while True:
-        file = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0), 0o644)
+        with _files.handle_of(path.parent) as folder:
+            try:
+                file = _files.open_new(path, folder)
+            except FileExistsError:
+                _remove_left(path, folder)
+                continue
+            descriptor = os.dup(file.fileno())
+            file.close()
         try:
-            _lock(file)
-            if os.path.samestat(os.fstat(file), os.stat(path)):
-                os.ftruncate(file, 0)
-                os.write(file, f"{os.getpid()}\n".encode())
-                return file
-            os.close(file)
+            _lock(descriptor)
+            if _is(descriptor, path):
+                os.write(descriptor, f"{os.getpid()}\n".encode())
+                return descriptor
         except FileNotFoundError:
-            os.close(file)
+            pass
         except BaseException:
-            os.close(file)
+            os.close(descriptor)
             raise
+        os.close(descriptor)
+
+
+def _remove_left(path: Path, folder: int | None) -> None:
+    """Remove the lock of a run that died. Raises ``BlockingIOError`` where one is alive, ``OSError`` for a link."""
+    flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NONBLOCK", 0)
+    try:
+        file = os.open(path if folder is None else path.name, flags, dir_fd=folder)
+    except FileNotFoundError:
+        return
+    try:
+        _lock(file)
+        if _is(file, path):
+            _files.remove(path)
+    except FileNotFoundError:
+        pass
+    finally:
+        os.close(file)
+
+
+def _is(file: int, path: Path) -> bool:
+    """Whether a name stands for an open file."""
+    with _files.handle_of(path.parent) as folder:
+        there = os.stat(path if folder is None else path.name, dir_fd=folder, follow_symlinks=False)
+    return os.path.samestat(os.fstat(file), there)
 
 
 def _lock(file: int) -> None:
@@ -148,5 +152,5 @@ def _lock(file: int) -> None:
 
 def _owner(path: Path) -> str:
     with contextlib.suppress(OSError, ValueError):
-        return f" (process {int(path.read_text())})"
+        return f" (process {int(_files.read_regular(path, 100))})"
     return ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 import warnings
 from collections.abc import Sequence
 from math import ceil
@@ -12,7 +13,7 @@ import numpy as np
 
 from ..._types import Floats, Longs, Mesh
 from ..files.results import Snapshot
-from ..files.whole_files import aside, open_new
+from ..files.whole_files import write_whole
 from ..scene.units import UnitsTable
 from .figure import new_figure, save
 from .level_surface import level_surface
@@ -194,19 +195,15 @@ def animate(path: Path, bodies: Sequence[Snapshot], title: str, units: UnitsTabl
     figure.set_dpi(90)
     axes = figure.add_subplot()
     writer = PillowWriter(fps=rate)
-    with aside(path) as part, warnings.catch_warnings():
+    with tempfile.TemporaryDirectory() as room, warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        open_new(part).close()
-        target = part.with_name(part.name + ".gif")  # pillow goes by the name
-        try:
-            with writer.saving(figure, str(target), dpi=90):
-                for body in bodies:
-                    axes.clear()
-                    _map(axes, body)
-                    axes.set_axis_off()
-                    now = f"t = {body.t:.4g}{units.after('time')}"
-                    axes.set_title(f"{title}, {now}", parse_math=False, fontsize=9)
-                    writer.grab_frame()
-            target.replace(part)
-        finally:
-            target.unlink(missing_ok=True)
+        target = Path(room) / "animation.gif"  # pillow goes by the name
+        with writer.saving(figure, str(target), dpi=90):
+            for body in bodies:
+                axes.clear()
+                _map(axes, body)
+                axes.set_axis_off()
+                now = f"t = {body.t:.4g}{units.after('time')}"
+                axes.set_title(f"{title}, {now}", parse_math=False, fontsize=9)
+                writer.grab_frame()
+        write_whole(path, target.read_bytes())

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..files.whole_files import aside, open_new
+from ..files.whole_files import write_whole
 
 if TYPE_CHECKING:
     pass
@@ -30,8 +31,16 @@ def new_figure(width: float, height: float) -> Any:
 
 
 def save(figure: Any, path: Path) -> None:
-    """Write a figure as PNG, aside and renamed."""
-    with aside(path) as part, open_new(part) as file, warnings.catch_warnings():
+    """Write a figure as PNG, aside and renamed. No text in it is taken for mathematics."""
+    content = io.BytesIO()
+    with warnings.catch_warnings():
         # a title may use letters that the font lacks: boxes are drawn for them
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        figure.savefig(file, format="png")
+        for text in figure.findobj(_is_text):
+            text.set_parse_math(False)
+        figure.savefig(content, format="png")
+    write_whole(path, content.getvalue())
+
+
+def _is_text(artist: Any) -> bool:
+    return hasattr(artist, "set_parse_math")

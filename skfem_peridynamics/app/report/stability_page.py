@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..._files import remove
 from ..._version import __version__
 from ...stability.cases import CASES
 from ...stability.verdicts import Curve, Verdict, Verdicts
@@ -23,7 +24,7 @@ def write_report(folder: Path, verdicts: Verdicts, quick: bool, pictures: bool) 
     """Write the files into a folder that exists; return their names."""
     drawn = picture_names(verdicts) if pictures else {}
     for old in (*FILES, *(f"{picture_file(curve.picture)}" for curve in verdicts.curves)):
-        (folder / old).unlink(missing_ok=True)
+        remove(folder / old)
     write_whole(folder / "stability.csv", as_csv(verdicts))
     if drawn:
         for name, curves in drawn.items():

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ..._files import remove
 from ..._version import __version__
 from ...study.measure import Row, as_dict
 from ...study.rates import pareto, seconds_to
@@ -32,7 +33,7 @@ def write_rows(folder: Path, outcome: Result) -> None:
 def write_study(folder: Path, outcome: Result, pictures: bool) -> list[str]:
     """Write the files of a study into a folder that exists; return their names."""
     for old in FILES:
-        (folder / old).unlink(missing_ok=True)
+        remove(folder / old)
     names = ["study.json", "study.csv", "study.md"]
     write_rows(folder, outcome)
     write_whole(folder / "study.md", as_markdown(outcome))

@@ -57,7 +57,9 @@ class Line:
             rate = (step - first) / (now - began) if step > first and now > began else 0.0
             pace = f", {rate:.1f} steps/s, {(self.steps - step) / rate:.0f} s left" if rate else ""
             line = f"step {step}/{self.steps}{pace}{self.message}"
-            print(f"\r\x1b[K{line}" if self.live else line, end="" if self.live else "\n", flush=True)
+            if self.live:
+                sys.stdout.write("\r\x1b[K")  # alone: no more than this passes as what it is
+            print(line, end="" if self.live else "\n", flush=True)
 
     def end(self) -> None:
         if self.live:

@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 
 from ..._clock import Clock
+from ..._files import open_regular, read_regular
 from ...solve.cfl import StepLimit
 from ...solve.instability import Watch
 from ..files.checkpoint import NAME, OLDER, Checkpoint, DamagedCheckpoint, latest
 from ..files.frames import files_of_runs
 from ..files.identity import differences
+from ..files.results import SUMMARY_MOST
 from ..problem.measures import measures
 from ..problem.problem import Problem
 from ..scene.reading import LARGEST, SceneError
@@ -93,12 +95,12 @@ def _check_strangers(out: Path) -> None:
     if not named or any((out / name).is_file() for name in CHECKPOINTS):
         return
     try:
-        with open(out / "history.csv", "rb") as file:
+        with open_regular(out / "history.csv") as file:
             is_run = file.read(len(HISTORY_BEGINS)) == HISTORY_BEGINS.encode()
     except OSError:
         is_run = False
     try:
-        summary = json.loads((out / "summary.json").read_bytes())
+        summary = json.loads(read_regular(out / "summary.json", SUMMARY_MOST))
         is_run |= isinstance(summary, dict) and isinstance(summary.get("run"), dict)
     except (OSError, ValueError, RecursionError):
         pass
@@ -116,7 +118,7 @@ def _ignore(note: str) -> None:
 def _finished(out: Path) -> dict[str, Any] | None:
     """The summary of a run that is finished, or None."""
     try:
-        summary = json.loads((out / "summary.json").read_bytes())
+        summary = json.loads(read_regular(out / "summary.json", SUMMARY_MOST))
     except (OSError, ValueError, RecursionError):
         return None
     whole = isinstance(summary, dict) and summary.get("status") == "finished" and isinstance(summary.get("run"), dict)

@@ -11,12 +11,13 @@ from ...bonds.rule import Rule
 from ...material.tension_only import COMPRESSION
 from .formula import Formula, FormulaError
 from .reading import SceneError, choice, count, counts, flag, key, number, positive, rows, text
+from .shown import shown
 
 
 def formula(value: Any, path: str) -> Formula:
     """A number or a text such as ``"1e6 * step(1e-5 - t)"``."""
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-        raise SceneError(f"{path} = {value!r} must be a number or a formula in x, y, z, t")
+        raise SceneError(f"{path} = {shown(value)} must be a number or a formula in x, y, z, t")
     try:
         return Formula(value)
     except FormulaError as error:
@@ -26,7 +27,7 @@ def formula(value: Any, path: str) -> Formula:
 def formulas(value: Any, path: str) -> tuple[Formula, ...]:
     """One formula per component."""
     if not isinstance(value, list) or not value:
-        raise SceneError(f"{path} = {value!r} must be an array with one number or formula per component")
+        raise SceneError(f"{path} = {shown(value)} must be an array with one number or formula per component")
     return tuple(formula(entry, f"{path}[{k}]") for k, entry in enumerate(value))
 
 

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..._types import Floats
+from .shown import cut, shown
 
 VARIABLES = ("x", "y", "z", "t")
 CONSTANTS = {"pi": np.pi, "e": np.e}
@@ -90,7 +91,7 @@ class Formula:
                 elif kind == "variable":
                     if operand not in values:
                         raise FormulaError(
-                            f"formula {self.text!r} uses {operand}, but the body has {len(x)} dimensions"
+                            f"formula {shown(self.text)} uses {operand}, but the body has {len(x)} dimensions"
                         )
                     stack.append(values[operand])
                 else:
@@ -102,7 +103,7 @@ class Formula:
         bad = np.flatnonzero(~np.isfinite(out))
         if len(bad):
             where = ", ".join(f"{name} = {c:.6g}" for name, c in zip(VARIABLES, x[:, bad[0]], strict=False))
-            raise FormulaError(f"formula {self.text!r} is {out[bad[0]]} at {where}, t = {t:.6g}")
+            raise FormulaError(f"formula {shown(self.text)} is {out[bad[0]]} at {where}, t = {t:.6g}")
         return out
 
 
@@ -127,7 +128,7 @@ class _Parser:
         self.out: list[tuple[str, Any]] = []
 
     def error(self, why: str) -> FormulaError:
-        return FormulaError(f'formula "{self.text}": {why}')
+        return FormulaError(f'formula "{cut(self.text)}": {why}')
 
     def parse(self) -> Program:
         if not self.tokens:
@@ -135,14 +136,14 @@ class _Parser:
         self.check_names()
         self.comparison()
         if self.place < len(self.tokens):
-            raise self.error(f"{self.tokens[self.place][1]!r} was not expected there")
+            raise self.error(f"{shown(self.tokens[self.place][1])} was not expected there")
         return tuple(self.out)
 
     def check_names(self) -> None:
         for kind, name in self.tokens:
             if kind == "name" and name not in VARIABLES and name not in CONSTANTS and name not in FUNCTIONS:
                 known = ", ".join([*VARIABLES, *CONSTANTS, *FUNCTIONS])
-                raise self.error(f"{name!r} is not a name it knows (those are {known})")
+                raise self.error(f"{shown(name)} is not a name it knows (those are {known})")
 
     def sees(self, *signs: str) -> str | None:
         kind, text = self.tokens[self.place] if self.place < len(self.tokens) else ("end", "")
@@ -155,7 +156,7 @@ class _Parser:
 
     def needs(self, sign: str) -> None:
         if self.takes(sign) is None:
-            token = repr(self.tokens[self.place][1]) if self.place < len(self.tokens) else "the end"
+            token = shown(self.tokens[self.place][1]) if self.place < len(self.tokens) else "the end"
             raise self.error(f"{sign!r} was expected, not {token}")
 
     def left(self, operand: Callable[[], None], signs: tuple[str, ...], once: bool = False) -> None:
@@ -214,7 +215,7 @@ class _Parser:
         elif kind == "name":
             self.out.append(("number", CONSTANTS[text]) if text in CONSTANTS else ("variable", text))
         else:
-            raise self.error(f"{text!r} was not expected there")
+            raise self.error(f"{shown(text)} was not expected there")
 
     def call(self, name: str) -> None:
         count, apply = FUNCTIONS[name]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
+from ..._files import MB, read_regular
 from ...solve.cfl import SAFETY
 from .body_tables import BondsTable, CrackTable, InclusionTable, MaterialTable, MeshTable, formula, formulas
 from .formula import Formula
@@ -18,6 +20,7 @@ from .reading import (
     choice,
     choices,
     count,
+    count_up_to,
     flag,
     interval,
     key,
@@ -27,7 +30,12 @@ from .reading import (
     tables,
     text,
 )
+from .shown import cut, shown
 from .units import UnitsTable
+
+_LARGEST = MB  # bytes of a scene
+# a dotted key of many parts, which takes memory with their square
+_DEEP = re.compile(r"""(?<![\w.-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){20,}""")
 
 
 @dataclass(frozen=True)
@@ -45,7 +53,7 @@ class Where:
         if self.width is not None and self.on is None:
             raise ValueError(f"width = {self.width} goes with on")
         if self.where is not None and self.where.uses("t"):
-            raise ValueError(f"where = {self.where.text!r} must not depend on t")
+            raise ValueError(f"where = {shown(self.where.text)} must not depend on t")
 
 
 @dataclass(frozen=True)
@@ -98,7 +106,7 @@ class InitialTable:
         for name in ("displacement", "velocity"):
             for entry in getattr(self, name) or ():
                 if entry.uses("t"):
-                    raise ValueError(f"{name} = {entry.text!r} must not depend on t")
+                    raise ValueError(f"{name} = {shown(entry.text)} must not depend on t")
 
 
 @dataclass(frozen=True)
@@ -180,8 +188,8 @@ class OutputTable:
     steps, or a text like ``"30 s"``; 0 is never.
     """
 
-    frames: int = key(count, 10)
-    history: int = key(count, 50)
+    frames: int = key(count_up_to(10_000), 10)
+    history: int = key(count_up_to(100_000), 50)
     pictures: bool | None = key(flag, None)
     checkpoint_every: int | str = key(interval, "60 s")
     fields: tuple[str, ...] = key(choices("stress", "strain"), ())
@@ -253,14 +261,14 @@ class Scene:
     bonds: BondsTable = key(table(BondsTable))
     time: TimeTable = key(table(TimeTable))
     title: str = key(text, "untitled")
-    inclusion: tuple[InclusionTable, ...] = key(tables(InclusionTable), ())
-    crack: tuple[CrackTable, ...] = key(tables(CrackTable), ())
-    no_fail: tuple[NoFailTable, ...] = key(tables(NoFailTable), ())
-    load: tuple[LoadTable, ...] = key(tables(LoadTable), ())
-    fixed: tuple[FixedTable, ...] = key(tables(FixedTable), ())
+    inclusion: tuple[InclusionTable, ...] = key(tables(InclusionTable, 100), ())
+    crack: tuple[CrackTable, ...] = key(tables(CrackTable, 1000), ())
+    no_fail: tuple[NoFailTable, ...] = key(tables(NoFailTable, 1000), ())
+    load: tuple[LoadTable, ...] = key(tables(LoadTable, 1000), ())
+    fixed: tuple[FixedTable, ...] = key(tables(FixedTable, 1000), ())
     initial: InitialTable = field(default=InitialTable(), metadata={"read": table(InitialTable)})
     measure: MeasureTable = field(default=MeasureTable(), metadata={"read": table(MeasureTable)})
-    probe: tuple[ProbeTable, ...] = key(tables(ProbeTable), ())
+    probe: tuple[ProbeTable, ...] = key(tables(ProbeTable, 1000), ())
     units: UnitsTable = field(default=UnitsTable(), metadata={"read": table(UnitsTable)})
     output: OutputTable = field(default=OutputTable(), metadata={"read": table(OutputTable)})
     folder: Path = Path()  # not a key: where the scene was read from
@@ -286,6 +294,9 @@ class Scene:
         SceneError
             For text that is not TOML, and for keys and values that make no sense.
         """
+        deep = _DEEP.search(content)
+        if deep:
+            raise SceneError(f"not TOML that can be read: the key {cut(deep[0])} is nested too deeply")
         try:
             tables = tomllib.loads(content)
         except tomllib.TOMLDecodeError as error:
@@ -340,14 +351,14 @@ class Scene:
         """
         path = Path(path)
         try:
-            content = path.read_bytes().decode()
+            content = read_regular(path, _LARGEST).decode()
         except OSError as error:
-            raise SceneError(f"scene {str(path)!r} cannot be read: {error.strerror}") from None
+            raise SceneError(f"scene {shown(str(path))} cannot be read: {error.strerror}") from None
         except UnicodeDecodeError:
-            raise SceneError(f"scene {str(path)!r} is not UTF-8 text") from None
+            raise SceneError(f"scene {shown(str(path))} is not UTF-8 text") from None
         except ValueError as error:  # a name that is none to the system
-            raise SceneError(f"scene {str(path)!r} cannot be read: {error}") from None
+            raise SceneError(f"scene {shown(str(path))} cannot be read: {error}") from None
         try:
             return cls.parse(content, path.parent)
         except SceneError as error:
-            raise SceneError(f"{path}: {error}") from None
+            raise SceneError(f"{cut(str(path))}: {error}") from None
