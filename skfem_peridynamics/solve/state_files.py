@@ -37,7 +37,7 @@ def save_state(path: str | Path, state: State) -> None:
     content: dict[str, Any] = {name: np.asarray(value) for name, value in (numbers | vectors).items()}
     content |= {f"broken_{k}": bonds for k, bonds in enumerate(broken or ())}
     whole = io.BytesIO()
-    np.savez(whole, **content)  # type: ignore[arg-type]
+    np.savez(whole, **content)
     with aside(path) as file:
         write_all(file, whole.getbuffer())
 

@@ -1,5 +1,6 @@
 """A run that was stopped goes on to the same bytes, or says in a sentence why it does not."""
 
+import hashlib
 import json
 import os
 import signal
@@ -399,3 +400,52 @@ def test_a_scene_comes_back_from_the_summary(tmp_path):
     assert {"numpy", "scipy", "scikit-fem", "numba", "python", "skfem-peridynamics"} <= set(kept["versions"])
     run(Scene.of(kept["scene"]), tmp_path / "b")
     assert results(tmp_path / "a") == results(tmp_path / "b")
+
+
+ODD = [None, -1, 0, 1.5, 1e308, 10**400, True, "x", "\ud800", [], [[1]], {}, {"a": [None]}]
+
+
+def leaves(value, path=()):
+    """All places of a JSON value, the tables and arrays themselves among them; a few of long arrays."""
+    yield path
+    entries = value.items() if isinstance(value, dict) else enumerate(value[:2]) if isinstance(value, list) else ()
+    for name, entry in entries:
+        yield from leaves(entry, (*path, name))
+
+
+def changed(value, path, new):
+    if not path:
+        return new
+    copy = dict(value) if isinstance(value, dict) else list(value)
+    copy[path[0]] = changed(copy[path[0]], path[1:], new)
+    return copy
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCHEMES)
+def test_right_checksums_and_wrong_facts(name, tmp_path):
+    """Each fact of a checkpoint replaced by each of what it cannot be: taken where it fits, or refused in a sentence."""
+    scene = Scene.parse(SCHEMES[name])
+    stop(scene, tmp_path, 7)
+    first, header, rest = (tmp_path / NAME).read_bytes()[:-65].split(b"\n", 2)
+    header = json.loads(header)
+    kept = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    refused = 0
+    for path in leaves(header):
+        if path[:2] == ("facts", "run"):
+            continue  # compared whole
+        for new in ODD:
+            content = b"\n".join([first, json.dumps(changed(header, path, new)).encode(), rest])
+            (tmp_path / NAME).write_bytes(content + hashlib.sha256(content).hexdigest().encode() + b"\n")
+            (tmp_path / OLDER).unlink(missing_ok=True)
+            try:
+                problem = Problem(scene)
+                earlier = earlier_run(tmp_path, identity.identity(scene, problem.mesh), True)
+                restore(earlier, problem, Clock("setup", "steps", "output", "cfl"), Watch(100, None))
+            except SceneError:
+                refused += 1
+            for known, bytes_before in kept.items():
+                if known != NAME:
+                    (tmp_path / known).write_bytes(bytes_before)
+    assert refused > 300
+    print(f"\n{name}: {refused} refused")

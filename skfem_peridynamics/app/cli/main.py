@@ -67,6 +67,12 @@ def _complain(message: object, code: int) -> int:
     return code
 
 
+def _folder(name: str) -> Path:
+    if not name:
+        raise argparse.ArgumentTypeError("the name of the folder is empty")
+    return Path(name)
+
+
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Say what is wrong with the arguments, and no more of them than that takes."""
@@ -81,7 +87,7 @@ def make_parser() -> argparse.ArgumentParser:
 
     run = commands.add_parser("run", help="run a scene into a folder")
     run.add_argument("scene", type=Path)
-    run.add_argument("--out", type=Path, required=True, metavar="DIR")
+    run.add_argument("--out", type=_folder, required=True, metavar="DIR")
     run.add_argument("--estimate", action="store_true", help="run the scene again on a refined mesh: its error")
     again = run.add_mutually_exclusive_group()
     again.add_argument("--resume", action="store_true", help="go on from the last checkpoint, if there is one")
@@ -101,13 +107,13 @@ def make_parser() -> argparse.ArgumentParser:
 
     study = commands.add_parser("study", help="error against run time: a study by its name, or of a scene")
     study.add_argument("what", nargs="?", metavar="NAME_OR_SCENE")
-    study.add_argument("--out", type=Path, metavar="DIR")
+    study.add_argument("--out", type=_folder, metavar="DIR")
     study.add_argument("--quick", action="store_true", help="fewer sizes")
     study.add_argument("--list", action="store_true", help="name the studies, one a line")
     study.add_argument("--quiet", action="store_true", help="no line a run")
 
     stability = commands.add_parser("stability", help="stiff and extreme cases, each judged by numbers")
-    stability.add_argument("--out", type=Path, required=True, metavar="DIR")
+    stability.add_argument("--out", type=_folder, required=True, metavar="DIR")
     stability.add_argument("--quick", action="store_true", help="fewer and smaller cases: half a minute")
     stability.add_argument("--only", nargs="+", metavar="CASE", default=None, help="some of the cases, by name")
     stability.add_argument("--quiet", action="store_true", help="no line a verdict")

@@ -14,16 +14,16 @@ REWRITE = "\r\x1b[K"  # to the beginning of the line, which is emptied
 
 
 class Stream(io.TextIOBase):
-    """Write to a stream as long as it takes anything; ``lost`` is why it took no more.
+    r"""Write to a stream as long as it takes anything; ``lost`` is why it took no more.
 
-    What a terminal would obey and not show, in a title or a file name, is shown as ``\\x1b``; letters that the
+    What a terminal would obey and not show, in a title or a file name, is shown as ``\x1b``; letters that the
     stream does not have are shown that way, too.
 
     >>> shown = io.StringIO()
-    >>> Stream(shown).write("a\\x1b[2Jb\\n")
+    >>> Stream(shown).write("a\x1b[2Jb\n")
     5
     >>> shown.getvalue()
-    'a\\\\x1b[2Jb\\n'
+    'a\\x1b[2Jb\n'
     """
 
     def __init__(self, stream: TextIO | None) -> None:

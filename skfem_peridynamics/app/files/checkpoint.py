@@ -21,6 +21,7 @@ from ..._files import open_regular, rename, write_all
 from ..._files import remove as remove_file
 from ..._types import Floats
 from ...solve.state import Equilibrium, State, contents, rebuilt
+from ..scene.shown import named
 from .whole_files import OutputError, aside
 
 NAME, OLDER = "checkpoint.bin", "checkpoint_older.bin"
@@ -80,11 +81,11 @@ def read_checkpoint(path: Path) -> Checkpoint:
         with open_regular(path) as file:
             return _read(file, os.fstat(file.fileno()).st_size)
     except DamagedCheckpoint as error:
-        raise DamagedCheckpoint(f"{str(path)!r} is damaged: {error}") from None
+        raise DamagedCheckpoint(f"{named(path)} is damaged: {error}") from None
     except OSError as error:
-        raise DamagedCheckpoint(f"{str(path)!r} cannot be read: {error.strerror}") from None
+        raise DamagedCheckpoint(f"{named(path)} cannot be read: {error.strerror}") from None
     except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError, MemoryError) as error:
-        raise DamagedCheckpoint(f"{str(path)!r} is not a checkpoint that a run wrote: {error}") from None
+        raise DamagedCheckpoint(f"{named(path)} is not a checkpoint that a run wrote: {error}") from None
 
 
 def _read(file: IO[bytes], size: int) -> Checkpoint:

@@ -18,6 +18,7 @@ import numpy as np
 from ..._files import MB, read_regular
 from ..._types import Floats, Mesh
 from ..scene.reading import LARGEST, SceneError
+from ..scene.shown import named
 from ..scene.units import UnitsTable
 
 # bytes: rows and frames of a scene have bounds, which are far below
@@ -52,15 +53,15 @@ class Results:
     def read(cls, folder: Path) -> Results:
         """Read a folder. Raises :class:`SceneError` where a run has left nothing there, or a file is damaged."""
         if not folder.is_dir():
-            raise SceneError(f"{str(folder)!r} is not a folder; give one that run has written")
+            raise SceneError(f"{named(folder)} is not a folder; give one that run has written")
         try:
             summary = _summary(folder / "summary.json")
             history = _history(folder / "history.csv")
             frames = _frames(folder)
-        except (OSError, ValueError, KeyError, TypeError, ElementTree.ParseError, RecursionError) as error:
-            raise SceneError(f"the run in {str(folder)!r} cannot be read: {error}") from None
+        except (OSError, ValueError, KeyError, TypeError, ElementTree.ParseError, RecursionError, csv.Error) as error:
+            raise SceneError(f"the run in {named(folder)} cannot be read: {error}") from None
         if not summary and not history and not frames:
-            raise SceneError(f"{str(folder)!r} holds no run: there is neither history.csv nor summary.json")
+            raise SceneError(f"{named(folder)} holds no run: there is neither history.csv nor summary.json")
         run = summary.get("run")
         scene = run.get("scene") if isinstance(run, dict) else None
         return cls(folder, summary, history, frames, scene if isinstance(scene, dict) else {})
@@ -87,7 +88,7 @@ class Results:
         try:
             return Snapshot(*_body(path, t))
         except (Exception, SystemExit) as error:  # whatever a reader of a damaged file may raise
-            raise SceneError(f"frame {str(path)!r} cannot be read: {error}") from None
+            raise SceneError(f"frame {named(path)} cannot be read: {error}") from None
 
 
 _NUMBERS = {
@@ -95,7 +96,7 @@ _NUMBERS = {
     *("energy_per_crack_length", "energy_per_crack_area", "energy_drift", "energy_lost", "error_estimate"),
     *("largest_Z", "softened_bonds", "broken_bonds", "nodes", "bonds", "steps", "step", "peak_memory_mb"),
 }
-_TABLES = {"seconds": True, "elastic": True, "step_limits": True, "run": False}  # and whether they hold numbers only
+_TABLES = ("seconds", "elastic", "step_limits", "run")
 
 
 def _rename_old(summary: dict[str, Any]) -> None:
@@ -113,17 +114,25 @@ def _summary(path: Path) -> dict[str, Any]:
     summary = json.loads(read_regular(path, SUMMARY_MOST))
     if not isinstance(summary, dict):
         raise ValueError("summary.json holds no table")
+    json.dumps(summary, ensure_ascii=False).encode()  # halves of pairs of surrogates cannot be written anywhere
     _rename_old(summary)
     for name, value in summary.items():
         if value is None:
             continue
         if name in _NUMBERS and not _is_number(value):
             raise ValueError(f"summary.json has {name} = {value!r}, which is no number")
-        if name in _TABLES:
-            entries = value.values() if isinstance(value, dict) else [None]
-            if not isinstance(value, dict) or (_TABLES[name] and not all(e is None or _is_number(e) for e in entries)):
-                raise ValueError(f"summary.json has no table {name} of numbers")
+        if name in _TABLES and not (isinstance(value, dict) and _fits(name, list(value.values()))):
+            raise ValueError(f"summary.json has a table {name} that no run writes")
     return summary
+
+
+def _fits(name: str, entries: list[Any]) -> bool:
+    """Whether a table of the summary holds what a run writes: seconds are known, a limit may not be."""
+    if name == "seconds":
+        return all(_is_number(entry) and entry >= 0 for entry in entries)
+    if name == "step_limits":
+        return all(entry is None or (_is_number(entry) and entry > 0) for entry in entries)
+    return name != "elastic" or all(entry is None or _is_number(entry) for entry in entries)
 
 
 def _is_number(value: Any) -> bool:

@@ -7,9 +7,11 @@ import struct
 import zlib
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
+import numpy.typing as npt
 
 from ..._types import Mesh
 
@@ -46,15 +48,13 @@ class VtuWriter:
             f"{_array('types', np.full(count, _CELLS[dim], dtype=np.uint8))}</Cells>\n<PointData>\n"
         )
 
-    def frame(
-        self, fields: Mapping[str, np.ndarray[tuple[int, ...], np.dtype[np.float32]]], units: Mapping[str, str]
-    ) -> bytes:
+    def frame(self, fields: Mapping[str, npt.NDArray[Any]], units: Mapping[str, str]) -> bytes:
         """Return the file of a frame: fields (nvertices,) or (nvertices, k), and the units of some."""
         arrays = (_array(name, values, units.get(name)) for name, values in fields.items())
         return (self._head + "".join(arrays) + "</PointData>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>\n").encode()
 
 
-def _array(name: str, values: np.ndarray[tuple[int, ...], np.dtype[np.generic]], unit: str | None = None) -> str:
+def _array(name: str, values: npt.NDArray[Any], unit: str | None = None) -> str:
     """An array of numbers, packed, with its unit as the information key that VTK has for it."""
     width = f' NumberOfComponents="{values.shape[1]}"' if values.ndim > 1 else ""
     key = '<InformationKey name="UNITS_LABEL" location="vtkDataArray">'
@@ -64,7 +64,7 @@ def _array(name: str, values: np.ndarray[tuple[int, ...], np.dtype[np.generic]],
     return f"{start}\n{_packed(values)}\n{note}</DataArray>\n"
 
 
-def _packed(values: np.ndarray[tuple[int, ...], np.dtype[np.generic]]) -> str:
+def _packed(values: npt.NDArray[Any]) -> str:
     """Blocks by zlib after a header of their sizes, both in base 64."""
     content = np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<"), copy=False).tobytes()
     parts: Sequence[bytes] = [zlib.compress(content[k : k + _BLOCK], _LEVEL) for k in range(0, len(content), _BLOCK)]

@@ -10,6 +10,7 @@ from typing import IO
 
 from ... import _files
 from ..scene.reading import SceneError
+from ..scene.shown import named
 
 LOCK = ".lock"
 
@@ -18,7 +19,7 @@ class OutputError(RuntimeError):
     """A file of the output could not be written; the message names it."""
 
     def __init__(self, path: Path, error: OSError) -> None:
-        super().__init__(f"{str(path)!r} cannot be written: {error.strerror or error}")
+        super().__init__(f"{named(path)} cannot be written: {error.strerror or error}")
 
 
 @contextlib.contextmanager
@@ -46,18 +47,18 @@ def make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise SceneError(f"output folder {str(folder)!r} cannot be written: {error.strerror}") from None
+        raise SceneError(f"output folder {named(folder)} cannot be written: {error.strerror}") from None
 
 
 def check_name(folder: Path) -> None:
     """Raise :class:`SceneError` where no folder can be under this name, or something else is."""
     try:
         if folder.exists() and not folder.is_dir():
-            raise SceneError(f"output folder {str(folder)!r} exists and is not a folder")
+            raise SceneError(f"output folder {named(folder)} exists and is not a folder")
     except ValueError:
-        raise SceneError(f"output folder {str(folder)!r} is no name of a folder") from None
+        raise SceneError(f"output folder {named(folder)} is no name of a folder") from None
     except OSError as error:  # too long, or in a folder that cannot be looked into
-        raise SceneError(f"output folder {str(folder)!r} cannot be looked at: {error.strerror}") from None
+        raise SceneError(f"output folder {named(folder)} cannot be looked at: {error.strerror}") from None
 
 
 @contextlib.contextmanager
@@ -75,10 +76,10 @@ def hold(folder: Path) -> Iterator[None]:
         except BlockingIOError:
             owner = _owner(path)
             raise SceneError(
-                f"output folder {str(folder)!r} is in use by another run{owner}; give this one another"
+                f"output folder {named(folder)} is in use by another run{owner}; give this one another"
             ) from None
         except OSError as error:
-            raise SceneError(f"output folder {str(folder)!r} cannot be written: {error.strerror}") from None
+            raise SceneError(f"output folder {named(folder)} cannot be written: {error.strerror}") from None
         try:
             yield
         finally:

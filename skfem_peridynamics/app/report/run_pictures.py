@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ..files.results import Results, Snapshot
 from ..scene.reading import SceneError
+from ..scene.shown import named
 from .body_pictures import animate, plot_course, plot_damage
 from .headline import known
 from .history_pictures import groups, plot_crack, plot_energies, plot_measures
@@ -52,9 +53,9 @@ def _spread(count: int) -> list[int]:
 def draw_animation(results: Results) -> str:
     """Write ``animation.gif`` from the frames; return its name. Raises :class:`SceneError` where there are none."""
     if len(results.frames) < 2:
-        raise SceneError(f"{str(results.folder)!r} has {len(results.frames)} frames; an animation needs two or more")
+        raise SceneError(f"{named(results.folder)} has {len(results.frames)} frames; an animation needs two or more")
     bodies = [results.snapshot(k) for k in range(len(results.frames))]
     if bodies[0].mesh.dim() != 2:
-        raise SceneError(f"the run in {str(results.folder)!r} is in {bodies[0].mesh.dim()}D; animations are of 2D")
+        raise SceneError(f"the run in {named(results.folder)} is in {bodies[0].mesh.dim()}D; animations are of 2D")
     animate(results.folder / "animation.gif", bodies, results.title, results.units)
     return "animation.gif"

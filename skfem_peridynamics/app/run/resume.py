@@ -9,8 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..._clock import Clock
 from ..._files import open_regular, read_regular
 from ...solve.cfl import StepLimit
@@ -19,10 +17,11 @@ from ..files.checkpoint import NAME, OLDER, Checkpoint, DamagedCheckpoint, lates
 from ..files.frames import files_of_runs
 from ..files.identity import differences
 from ..files.results import SUMMARY_MOST
-from ..problem.measures import measures
 from ..problem.problem import Problem
-from ..scene.reading import LARGEST, SceneError
-from .record import HISTORY_BEGINS, columns
+from ..scene.reading import SceneError
+from ..scene.shown import named
+from .checked import check_checkpoint
+from .record import HISTORY_BEGINS
 
 _log = logging.getLogger("skfem_peridynamics")
 CHECKPOINTS = (NAME, OLDER)
@@ -67,7 +66,7 @@ def earlier_run(out: Path, identity: Mapping[str, Any], resume: bool | None) -> 
         spent = 0.0
     if not differences(known, identity) and spent > WORTH_KEEPING:
         raise SceneError(
-            f"output folder {str(out)!r} holds {spent:.0f} s of this very run, "
+            f"output folder {named(out)} holds {spent:.0f} s of this very run, "
             f"stopped at step {checkpoint.state.step}: go on with --resume, or start over with --overwrite"
         )
     return None
@@ -86,13 +85,13 @@ def _check_same(
     if different:
         more = f", and {len(different) - 3} more" if len(different) > 3 else ""
         cure = "" if resume else "; give this one another folder, or say --overwrite"
-        raise SceneError(f"output folder {str(out)!r} holds {holds}: {'; '.join(different[:3])}{more}{cure}")
+        raise SceneError(f"output folder {named(out)} holds {holds}: {'; '.join(different[:3])}{more}{cure}")
 
 
 def _check_strangers(out: Path) -> None:
     """Raise :class:`SceneError` where files have the names that runs use, and there is no sign of a run."""
-    named = files_of_runs(out)
-    if not named or any((out / name).is_file() for name in CHECKPOINTS):
+    found = files_of_runs(out)
+    if not found or any((out / name).is_file() for name in CHECKPOINTS):
         return
     try:
         with open_regular(out / "history.csv") as file:
@@ -106,7 +105,7 @@ def _check_strangers(out: Path) -> None:
         pass
     if not is_run:
         raise SceneError(
-            f"output folder {str(out)!r} holds {named[0]}, which no run has written: give the run another folder, or "
+            f"output folder {named(out)} holds {found[0]}, which no run has written: give the run another folder, or "
             "say --overwrite"
         )
 
@@ -132,19 +131,13 @@ def restore(checkpoint: Checkpoint, problem: Problem, clock: Clock, watch: Watch
     """
     facts = checkpoint.facts
     try:
-        if facts["limit"] is not None:
-            problem = replace(problem, known_limit=StepLimit(**facts["limit"]))
-        state, size = checkpoint.state, problem.basis.N
-        vectors = [getattr(state, name, None) for name in ("u", "v", "a", "reaction", "change")]
-        vectors += [state.memory.tangent] if state.memory is not None else []
-        whole = all(x is None or (len(x) == size and bool((np.abs(x) <= LARGEST).all())) for x in vectors)
-        width = len(columns(measures(problem)))
-        if not whole or any(len(row) != width for row in checkpoint.rows):
-            raise ValueError("its vectors or rows do not fit the body")
-        clock.add({str(name): float(value) for name, value in facts["seconds"].items()})
-        watch.peak = float(facts["peak"])
-        for name, value in facts["effort"].items():
-            setattr(problem.effort, str(name), int(value))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        check_checkpoint(checkpoint, problem)
+    except (TypeError, ValueError, ArithmeticError) as error:
         raise SceneError(f"the checkpoint cannot be gone on with, it is none that a run wrote: {error}") from None
+    if facts["limit"] is not None:
+        problem = replace(problem, known_limit=StepLimit(**facts["limit"]))
+    clock.add({name: float(value) for name, value in facts["seconds"].items()})
+    watch.peak = float(facts["peak"])
+    for name, value in facts["effort"].items():
+        setattr(problem.effort, name, value)
     return problem

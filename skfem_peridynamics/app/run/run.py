@@ -21,7 +21,7 @@ from ..files.checkpoint import Checkpoint
 from ..files.history import write_summary
 from ..files.identity import identity
 from ..files.results import Results, Snapshot
-from ..files.whole_files import OutputError, hold, make_folder
+from ..files.whole_files import OutputError, check_name, hold, make_folder
 from ..problem.measures import Measure, measures
 from ..problem.problem import Problem
 from ..problem.states import remarks, states
@@ -109,10 +109,7 @@ def run(
     ('finished', 11, 0)
     """
     out = Path(out)
-    if "\0" in str(out):
-        raise SceneError(f"output folder {str(out)!r} is no name of a folder")
-    if out.exists() and not out.is_dir():
-        raise SceneError(f"output folder {str(out)!r} exists and is not a folder")
+    check_name(out)
     progress = progress or Silent()
     with contextlib.ExitStack() as stack:
         signals = stack.enter_context(Signals())
@@ -150,11 +147,6 @@ def run(
         try:
             try:
                 _step(prepared, record, signals, clock, progress)
-                if pictures:
-                    with clock.phase("output"):
-                        draw(_results(record, summary, run_identity["scene"]), last=_snapshot(record))
-                if with_estimate:
-                    summary |= _estimated(problem, clock)
                 summary["status"] = "finished"
             except FormulaError as error:  # a load or a motion that is no number at some later time
                 summary["status"] = f"stopped: {error}"
@@ -167,7 +159,17 @@ def run(
                 progress.end()
                 summary |= summary_after(record, clock, prepared.resumed)
                 _write_summary(out, summary | {"notes": notes, "run": run_identity})
+            # the run is whole; what comes now can be made from its files at any time
+            signals.when = "after its last step: it is whole, and the command plot draws what is missing"
             checkpoint.remove(out)
+            if pictures:
+                with clock.phase("output"):
+                    draw(_results(record, summary, run_identity["scene"]), last=_snapshot(record))
+            if with_estimate:
+                summary |= _estimated(problem, clock)
+            if pictures or with_estimate:
+                summary |= summary_after(record, clock, prepared.resumed)
+                _write_summary(out, summary | {"notes": notes, "run": run_identity})
         except (UnstableRun, NotConverged):  # a run that has come to an end of its own has something to report
             if with_report:
                 write_report(out, _snapshot(record))
@@ -258,8 +260,11 @@ def _step(prepared: _Prepared, record: Record, signals: Signals, clock: Clock, p
 def _estimated(problem: Problem, clock: Clock) -> dict[str, Any]:
     from .estimate import estimate
 
-    with clock.phase("estimate"):
-        return estimate(problem)
+    try:
+        with clock.phase("estimate"):
+            return estimate(problem)
+    except FormulaError as error:  # no number at a place or a time of the refined mesh
+        raise SceneError(f"the run is whole, its error is not known: {error}") from None
 
 
 def _snapshot(record: Record) -> Snapshot | None:

@@ -28,6 +28,7 @@ class Signals:
     def __init__(self) -> None:
         self.asked = 0
         self.patient = False
+        self.when = "before its first step"  # what a signal that raises says
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> Signals:
@@ -52,7 +53,7 @@ class Signals:
         self._restore()
         self.asked = number
         if not self.patient:
-            raise self.stop("before its first step")
+            raise self.stop(self.when)
 
     def stop(self, when: str) -> Interrupted:
         """Return what to raise."""

@@ -30,7 +30,7 @@ from .reading import (
     tables,
     text,
 )
-from .shown import cut, shown
+from .shown import cut, named, shown
 from .units import UnitsTable
 
 _LARGEST = MB  # bytes of a scene
@@ -353,11 +353,11 @@ class Scene:
         try:
             content = read_regular(path, _LARGEST).decode()
         except OSError as error:
-            raise SceneError(f"scene {shown(str(path))} cannot be read: {error.strerror}") from None
+            raise SceneError(f"scene {named(path)} cannot be read: {error.strerror}") from None
         except UnicodeDecodeError:
-            raise SceneError(f"scene {shown(str(path))} is not UTF-8 text") from None
+            raise SceneError(f"scene {named(path)} is not UTF-8 text") from None
         except ValueError as error:  # a name that is none to the system
-            raise SceneError(f"scene {shown(str(path))} cannot be read: {error}") from None
+            raise SceneError(f"scene {named(path)} cannot be read: {error}") from None
         try:
             return cls.parse(content, path.parent)
         except SceneError as error:

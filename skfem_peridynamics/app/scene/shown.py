@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-MOST = 120  # characters
+MOST, MOST_OF_A_NAME = 120, 200  # characters
 
 
 def shown(value: Any) -> str:
@@ -25,6 +25,15 @@ def shown(value: Any) -> str:
             "{" + ", ".join(f"{cut(str(name))} = {shown(entry)}" for name, entry in list(value.items())[:9]) + "}"
         )
     return cut(repr(value))
+
+
+def named(path: Any) -> str:
+    """Return the name of a file or a folder in quotes, cut beyond 200 characters.
+
+    >>> named("out"), len(named("y" * 5000))
+    ("'out'", 200)
+    """
+    return cut(repr(str(path)), MOST_OF_A_NAME)
 
 
 def cut(text: str, most: int = MOST) -> str:
