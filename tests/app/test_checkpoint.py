@@ -424,7 +424,7 @@ def changed(value, path, new):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SCHEMES)
 def test_right_checksums_and_wrong_facts(name, tmp_path):
-    """Each fact of a checkpoint replaced by each of what it cannot be: taken where it fits, or refused in a sentence."""
+    """Each fact of a checkpoint replaced by each of many others: taken where it fits, or refused in a sentence."""
     scene = Scene.parse(SCHEMES[name])
     stop(scene, tmp_path, 7)
     first, header, rest = (tmp_path / NAME).read_bytes()[:-65].split(b"\n", 2)

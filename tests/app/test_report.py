@@ -2,6 +2,7 @@
 
 import base64
 import io
+import itertools
 import json
 import os
 import re
@@ -209,7 +210,7 @@ def test_rows_of_other_columns_are_not_gone_on_with(tmp_path):
     stop(scene, tmp_path, 20)
     known = read_checkpoint(tmp_path / NAME)
     write_checkpoint(tmp_path, dataclasses.replace(known, rows=[row[:-1] for row in known.rows]))
-    with pytest.raises(SceneError, match="its vectors or rows do not fit the body"):
+    with pytest.raises(SceneError, match="its rows are none of this scene"):
         run(scene, tmp_path, resume=True)
     breaks = dataclasses.replace(scene, material=dataclasses.replace(scene.material, breaking=2.0))
     stop(breaks, tmp_path, 20, resume=False)
@@ -496,7 +497,7 @@ def test_reports_in_one_and_three_dimensions(tmp_path):
         ("history.csv", "t,kinetic,intact,softened,total,work\n0,0,0,0,0,inf\n", "'work' that no run writes"),
         ("history.csv", "t,kinetic,intact,softened,total,work\n0,0,0,0,0,1e200\n", "'work' that no run writes"),
         ("summary.json", '{"crack_length": "x"}', "has crack_length = 'x', which is no number"),
-        ("summary.json", '{"seconds": [1]}', "has no table seconds of numbers"),
+        ("summary.json", '{"seconds": [1]}', "has a table seconds that no run writes"),
         ("frames.pvd", "<VTKFile>", "cannot be read"),
         ("frames.pvd", '<VTKFile><DataSet file="../x.vtu" timestep="0"/></VTKFile>', "which is no frame"),
         ("frame_0005.vtu", "hello", "frame_0005.vtu' cannot be read"),
@@ -627,3 +628,36 @@ def test_keys_of_earlier_versions_are_read(torn, tmp_path):
     old = Results.read(tmp_path / "old").summary
     assert (old["step"], old["step_limits"]) == (new["step"], new["step_limits"])
     assert "dt" not in old
+
+
+@pytest.mark.slow
+def test_summaries_and_rows_that_no_run_writes(tmp_path):
+    """Each entry replaced by each of many others: a report, or a sentence; nothing that cannot be written."""
+    from test_checkpoint import ODD, changed, leaves
+
+    run(Scene.parse(change("pictures = true", "pictures = false")), tmp_path)
+    summary, rows = json.loads((tmp_path / "summary.json").read_text()), (tmp_path / "history.csv").read_text()
+    table = [line.split(",") for line in rows.splitlines()]
+    cases = [
+        ("summary.json", json.dumps(changed(summary, path, new)))
+        for path in leaves(summary)
+        for new in [*ODD, "$^$", "<b>"]
+    ]
+    for i, k in itertools.product(range(3), range(len(table[0]))):
+        for new in ("", "x", "nan", "inf", "1e400", "1" * 131073, "\0", '"', "-1"):
+            content = [list(row) for row in table]
+            content[i][k] = new
+            cases.append(("history.csv", "\n".join(map(",".join, content))))
+    whole = {"summary.json": json.dumps(summary), "history.csv": rows}
+    refused = 0
+    for name, content in cases:
+        (tmp_path / name).write_text(content)
+        try:
+            results = Results.read(tmp_path)
+        except SceneError:
+            refused += 1
+        else:
+            assert page(results, {}).encode()
+        (tmp_path / name).write_text(whole[name])
+    assert refused > 300
+    assert len(cases) - refused > 300

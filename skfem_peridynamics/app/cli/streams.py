@@ -21,7 +21,7 @@ class Stream(io.TextIOBase):
 
     >>> shown = io.StringIO()
     >>> Stream(shown).write("a\x1b[2Jb\n")
-    5
+    7
     >>> shown.getvalue()
     'a\\x1b[2Jb\n'
     """
