@@ -16,7 +16,7 @@ import skfem
 
 import faults
 import skfem_peridynamics as peri
-from faults import RESULTS, SMALL, StopAt, Stopped, results, small, stop
+from faults import ODD, RESULTS, SMALL, StopAt, Stopped, changed, leaves, results, small, stop
 from skfem_peridynamics import Scene, run
 from skfem_peridynamics._clock import Clock
 from skfem_peridynamics.app.cli.main import main
@@ -400,25 +400,6 @@ def test_a_scene_comes_back_from_the_summary(tmp_path):
     assert {"numpy", "scipy", "scikit-fem", "numba", "python", "skfem-peridynamics"} <= set(kept["versions"])
     run(Scene.of(kept["scene"]), tmp_path / "b")
     assert results(tmp_path / "a") == results(tmp_path / "b")
-
-
-ODD = [None, -1, 0, 1.5, 1e308, 10**400, True, "x", "\ud800", [], [[1]], {}, {"a": [None]}]
-
-
-def leaves(value, path=()):
-    """All places of a JSON value, the tables and arrays themselves among them; a few of long arrays."""
-    yield path
-    entries = value.items() if isinstance(value, dict) else enumerate(value[:2]) if isinstance(value, list) else ()
-    for name, entry in entries:
-        yield from leaves(entry, (*path, name))
-
-
-def changed(value, path, new):
-    if not path:
-        return new
-    copy = dict(value) if isinstance(value, dict) else list(value)
-    copy[path[0]] = changed(copy[path[0]], path[1:], new)
-    return copy
 
 
 @pytest.mark.slow

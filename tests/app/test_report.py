@@ -633,7 +633,7 @@ def test_keys_of_earlier_versions_are_read(torn, tmp_path):
 @pytest.mark.slow
 def test_summaries_and_rows_that_no_run_writes(tmp_path):
     """Each entry replaced by each of many others: a report, or a sentence; nothing that cannot be written."""
-    from test_checkpoint import ODD, changed, leaves
+    from faults import ODD, changed, leaves
 
     run(Scene.parse(change("pictures = true", "pictures = false")), tmp_path)
     summary, rows = json.loads((tmp_path / "summary.json").read_text()), (tmp_path / "history.csv").read_text()

@@ -140,3 +140,23 @@ def small(**changes):
         assert old in content
         content = content.replace(old, new)
     return Scene.parse(content)
+
+
+# what an entry of a file may be changed to
+ODD = [None, -1, 0, 1.5, 1e308, 10**400, True, "x", "\ud800", [], [[1]], {}, {"a": [None]}]
+
+
+def leaves(value, path=()):
+    """All places of a JSON value, the tables and arrays themselves among them; a few of long arrays."""
+    yield path
+    entries = value.items() if isinstance(value, dict) else enumerate(value[:2]) if isinstance(value, list) else ()
+    for name, entry in entries:
+        yield from leaves(entry, (*path, name))
+
+
+def changed(value, path, new):
+    if not path:
+        return new
+    copy = dict(value) if isinstance(value, dict) else list(value)
+    copy[path[0]] = changed(copy[path[0]], path[1:], new)
+    return copy

@@ -121,17 +121,19 @@ def _summary(path: Path) -> dict[str, Any]:
             continue
         if name in _NUMBERS and not _is_number(value):
             raise ValueError(f"summary.json has {name} = {value!r}, which is no number")
-        if name in _TABLES and not (isinstance(value, dict) and _fits(name, list(value.values()))):
+        if name in _TABLES and not (isinstance(value, dict) and _fits(name, value)):
             raise ValueError(f"summary.json has a table {name} that no run writes")
     return summary
 
 
-def _fits(name: str, entries: list[Any]) -> bool:
-    """Whether a table of the summary holds what a run writes: seconds are known, a limit may not be."""
+def _fits(name: str, table: dict[str, Any]) -> bool:
+    """Whether a table of the summary holds what a run writes: seconds are known, and so is that an eigenvalue is one."""
+    entries = list(table.values())
     if name == "seconds":
         return all(_is_number(entry) and entry >= 0 for entry in entries)
     if name == "step_limits":
-        return all(entry is None or (_is_number(entry) and entry > 0) for entry in entries)
+        known = all(entry is None or (_is_number(entry) and entry >= 0) for entry in entries)
+        return known and table.get("by_eigenvalue", 1.0) != 0
     return name != "elastic" or all(entry is None or _is_number(entry) for entry in entries)
 
 
