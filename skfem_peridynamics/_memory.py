@@ -64,7 +64,17 @@ def _of_process() -> float:
         limit = resource.getrlimit(resource.RLIMIT_AS)[0]
         if limit == resource.RLIM_INFINITY:
             return _UNLIMITED
-        with open("/proc/self/statm") as table:
-            return float(limit) - float(table.read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+        return float(limit) - _pages(0)
     except (ImportError, OSError, ValueError, IndexError):
         return _UNLIMITED
+
+
+def _resident() -> float:
+    """The bytes that this process holds in memory now."""
+    return _pages(1)
+
+
+def _pages(column: int) -> float:
+    """A column of the kernel's table of this process, in bytes: its address space, its resident memory."""
+    with open("/proc/self/statm") as table:
+        return float(table.read().split()[column]) * os.sysconf("SC_PAGE_SIZE")

@@ -24,6 +24,8 @@ from ..geometry.connected import connected
 from .bond_list import Balance, BondList
 from .moment_fit import MomentFit, moment_map, ratio_of, summed
 from .moment_targets import moment_targets
+from .pair_balance import balance_pairs
+from .pair_bonds import PairBonds
 from .tensors import killing_tensors, monomials
 
 _REACHED = 1e-10  # of the largest moment: what Newton's method goes for inside
@@ -35,10 +37,13 @@ _FAR = 50.0  # factor by which a weight may change at all
 _ENOUGH = 2.75  # bonds for each moment of order three and four
 
 
-def balance(bonds: BondList) -> Balance:
+def balance(bonds: BondList, exact: bool = False) -> Balance:
     """Return balanced weights of a symmetric rule; see ``BondBasis.balanced``."""
     if not bonds.rule.symmetric:
         raise ValueError(f"rule = {bonds.rule.name}: a one-sided rule needs no balance, and its weights have none")
+    # in one dimension what is missed near an end travels along the whole line, and a fit costs nothing
+    if bonds.dim > 1 and bonds.samples.at_vertices and all(isinstance(part, PairBonds) for part in bonds.parts):
+        return balance_pairs(bonds, exact)
     targets = moment_targets(bonds)
     n3, n4 = (len(monomials(bonds.dim, order)) for order in (3, 4))
     pieces, weights = [moment_map(bonds, part) for part in bonds.parts], [part.weight for part in bonds.parts]

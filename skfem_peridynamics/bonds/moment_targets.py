@@ -11,8 +11,9 @@ from .._types import Bools, Floats
 from ..geometry.layers import distance_to_facets
 from ..geometry.rays import Tracer
 from ..geometry.simplices import vertex_volumes
-from ..material.influence import Influence, as_influence
+from ..material.influence import as_influence
 from .bond_list import BondList
+from .cumulative import Cumulative
 from .quadrature import half_sphere, radial_rule
 from .samples import gauss_samples
 from .tensors import monomials, powers
@@ -24,17 +25,20 @@ _ORDER = {
     3: 2,
 }  # of the outer integral; 48 directions and order 4 in 2D changed no error by more than a tenth
 _RADIAL = 6  # where w varies along a ray
-_TABLE = 4096  # of the cumulative moment
 _SITES = 2048  # at a time
 
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """Moments of order three and four (nvertices, n3 + n4); where order four is exact, where order three is not 0."""
+    """Moments of order three and four (nvertices, n3 + n4); where order four is exact, where order three is not 0.
+
+    ``four_everywhere`` where order four is given near the boundary, too.
+    """
 
     values: Floats
     exact_four: Bools
     near_boundary: Bools
+    four_everywhere: bool = False
 
 
 def moment_targets(bonds: BondList) -> Targets:
@@ -63,7 +67,7 @@ def moment_targets(bonds: BondList) -> Targets:
     sites = gauss_samples(mesh, with_vertices=False, order=_ORDER[dim])
     chosen = np.flatnonzero(shallow[sites.element])
     tracer = Tracer(mesh)
-    cumulative = _Cumulative(influence, dim - 1)
+    cumulative = Cumulative(influence, dim - 1)
     nodal = bonds.vertex_weight
     nodes, W = radial_rule(influence, dim - 1, _RADIAL)
     cut, W_cut = radial_rule(np.ones_like, dim - 1, _RADIAL)
@@ -106,18 +110,3 @@ def moment_targets(bonds: BondList) -> Targets:
             for column in range(len(three)):
                 values[:, column] += np.bincount(sites.vertices[site, corner], part[:, column], mesh.nvertices)
     return Targets(values, ~near, near)
-
-
-class _Cumulative:
-    """``int_0^a J(s) s^power ds`` for many a, from a table."""
-
-    def __init__(self, influence: Influence, power: int) -> None:
-        x, w = np.polynomial.legendre.leggauss(8)
-        self.grid = np.linspace(0.0, 1.0, _TABLE + 1)
-        s = self.grid[:-1, None] + 0.5 * (x + 1.0) / _TABLE
-        pieces = (influence(s) * s**power) @ (0.5 * w / _TABLE)
-        self.table = np.concatenate([[0.0], np.cumsum(pieces)])
-
-    def __call__(self, a: Floats) -> Floats:
-        value: Floats = np.interp(a, self.grid, self.table)
-        return value

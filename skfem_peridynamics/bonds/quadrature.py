@@ -8,6 +8,7 @@ from math import pi
 import numpy as np
 
 from .._types import Floats
+from .tensors import powers
 
 # Lebedev degrees with positive weights only (13, 25 and 27 have negative ones), and angles by which each is turned.
 # The length of a ray that a plane face cuts has a kink where the ray runs along the face, and unturned rules put
@@ -27,6 +28,7 @@ _LEBEDEV = {
     29: (0.05, 0.11, 1.21),
     31: (1.02, 0.67, 0.49),
 }
+FINE, FINER = 0.15, 0.6  # edge over distance, squared, from which a triangle is seen in 4 and in 16 parts
 _PANELS, _DENSE = 16, 24  # the fine rule that stands for the integral of J
 
 
@@ -114,3 +116,20 @@ def _turn(a: float, b: float, c: float) -> Floats:
     about_z = np.array([[cc, -sc, 0.0], [sc, cc, 0.0], [0.0, 0.0, 1.0]])
     turn: Floats = about_z @ about_y @ about_x
     return turn
+
+
+def sphere_mean(dim: int, order: int) -> Floats:
+    """Return the means of all monomials of an order over the unit sphere.
+
+    >>> abs(sphere_mean(2, 4)).round(12).tolist()                      # of x^4, x^3 y, x^2 y^2, x y^3, y^4
+    [0.375, 0.0, 0.125, 0.0, 0.375]
+    """
+    e, angle = sphere(dim)
+    mean: Floats = angle @ powers(e, order)
+    return mean
+
+
+def sphere(dim: int) -> tuple[Floats, Floats]:
+    """Return directions (n, dim) and shares (n,) that integrate polynomials up to degree 15 over the unit sphere."""
+    e, angle = half_sphere(dim, {1: 1, 2: 16, 3: 61}[dim])
+    return np.concatenate([e, -e]), np.concatenate([angle, angle]) / (2.0 * angle.sum())

@@ -20,7 +20,10 @@ def monomials(dim: int, order: int) -> list[tuple[int, ...]]:
 
 def powers(e: Floats, order: int) -> Floats:
     """Return all monomials of an order of vectors (n, dim), (n, nmonomials)."""
-    return np.stack([np.prod(e[:, list(index)], axis=1) for index in monomials(e.shape[1], order)], axis=1)
+    known: dict[tuple[int, ...], Floats] = {(): np.ones(len(e))}
+    for degree in range(1, order + 1):
+        known = {index: known[index[:-1]] * e[:, index[-1]] for index in monomials(e.shape[1], degree)}
+    return np.stack(list(known.values()), axis=1)
 
 
 def killing_tensors(x: Floats) -> Floats:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._scaling import whole_power
+from .._threads import Threads
 from .._types import Floats, Ints, Longs
 from ..bonds.ball_bonds import BallBonds
 from ..bonds.bond_basis import BondBasis
@@ -18,7 +19,6 @@ from .block import Block
 from .compiled_law import Law, law_of, secant
 from .pair_tasks import aligned
 from .schedule import Schedule, task_size
-from .threads import Threads
 
 _ELEMENTS, _MOST = 1 << 12, 512  # of a task that tabulates or hands over, and how many tasks
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
+from .._threads import Threads
 from .._types import Floats, Longs
 from ..bonds.bond_basis import BondBasis
 from .block import _T, Block
 from .sparse_engine import SparseEngine
-from .threads import Threads
 
 
 class Engine(Protocol):

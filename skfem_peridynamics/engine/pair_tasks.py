@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .._compile import compiled
+from .._threads import Threads
 from .._types import Floats, Ints, Longs
 from ..bonds.bond_basis import BondBasis
 from ..bonds.pair_bonds import PairBonds
@@ -20,7 +21,6 @@ from . import pair_loops
 from .block import Block
 from .compiled_law import Law, law_of, secant
 from .schedule import Schedule, task_size
-from .threads import Threads
 
 _SAMPLES = 1 << 15  # filled or emptied at a time
 

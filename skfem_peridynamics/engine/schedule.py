@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from .._threads import Threads
 from .._types import Bools, Ints
-from .threads import Threads
 
 _LEAST, _MOST = 1 << 14, 1 << 17  # bonds: handing out a task costs some ten microseconds, a bond some nanoseconds
 _FEW, _MANY = 64, 1024  # tasks: enough for all threads, and so many that who meets whom is soon found out

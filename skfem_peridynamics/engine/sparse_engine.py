@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._threads import Threads
 from .._types import Floats, Longs
 from ..bonds.bond_basis import BondBasis
 from .block import _T, Block
-from .threads import Threads
 
 
 @dataclass(frozen=True, eq=False)

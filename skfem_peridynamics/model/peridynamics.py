@@ -14,12 +14,12 @@ import scipy.sparse as sparse
 from scipy.sparse.linalg import LinearOperator
 
 from .._compile import available
+from .._threads import Threads
 from .._types import Csr, Floats, Longs
 from .._vectors import real_vector
 from ..bonds.bond_basis import BondBasis
 from ..engine.block import Block, make_blocks, matrix_bytes
 from ..engine.engine import Engine, make_engine
-from ..engine.threads import Threads
 from ..material.composite import Composite
 from ..material.material import Elastic, Material, crossing
 from ..material.own_law import check_law

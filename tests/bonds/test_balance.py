@@ -46,7 +46,7 @@ def test_patch_test_positivity_and_symmetry(dim, kind, w):
     mesh = box(dim, {1: 30, 2: 12}[dim], kind)
     for rule in RULES[dim]:
         plain = body_on(mesh, eps, rule=rule, boundary_function=w)
-        bonds = plain.bonds.balanced()
+        bonds = plain.bonds.balanced(exact=True)
         body, balance = plain.with_(bonds=bonds), bonds.balance
         before, after = patch_error(plain), patch_error(body)
         print(
@@ -79,7 +79,7 @@ def test_patch_test_in_3d_and_beside_a_slit(rule):
     free[np.unique(cracked.facets[:, cracked.boundary_facets()])] = False
     moved = type(cracked)(cracked.p + shift * free, cracked.t)
     for mesh, eps in ((moved, 0.2), (box(3, 8, "random"), 0.25)):
-        bonds = BondBasis(vector_basis(mesh), eps, rule=rule).balanced()
+        bonds = BondBasis(vector_basis(mesh), eps, rule=rule).balanced(exact=True)
         body = body_on(mesh, eps, rule=rule).with_(bonds=bonds)
         assert patch_error(body) < 1e-8
         assert bonds.balance.smallest > 0.0
@@ -96,7 +96,7 @@ def test_a_one_sided_rule_is_not_balanced():
 def test_vertices_that_cannot_be_balanced_are_named():
     """Vertex pairs, conical, two vertices per horizon, random mesh: no positive weights near the rule's will do."""
     plain = BondBasis(vector_basis(box(2, 16, "random")), 2 / 16, "conical")
-    bonds = plain.balanced()
+    bonds = plain.balanced(exact=True)
     assert set(np.flatnonzero(inner(plain))) == set(bonds.balance.unbalanced) & set(np.flatnonzero(inner(plain)))
     assert bonds.balance.residual > 1e-3
     assert bonds.balance.smallest > 1 / 50
@@ -342,19 +342,20 @@ def test_forces_in_3d(kind):
         assert errors[3] < 0.6 * errors[2]
 
 
-@pytest.mark.parametrize(("dim", "n", "kind", "most"), [(1, 20, "random", 4e-4), (2, 10, "graded", 7e-4)])
+@pytest.mark.parametrize(("dim", "n", "kind", "most"), [(1, 20, "random", 4e-4), (2, 10, "graded", 2e-4)])
 def test_targets_that_no_weights_can_meet_are_made_to_fit_first(dim, n, kind, most):
-    """Measured 1.7e-4 and 3.4e-4 near the boundary; with the targets as they come 1.2e-3 and 1.3e-3."""
-    balance = BondBasis(vector_basis(box(dim, n, kind)), 3.1 / n).balanced().balance
+    """Measured 2.2e-4 and 8.7e-5 near the boundary; with the targets as they come 1.1e-3 and 6.7e-4."""
+    rule = PairRule() if dim == 1 else BallRule(3, 8)
+    balance = BondBasis(vector_basis(box(dim, n, kind)), 3.1 / n, rule=rule).balanced().balance
     print(f"{dim}D: {balance.residual_near:.1e}")
     assert balance.residual_near < most
     assert not len(balance.unbalanced)
 
 
-def test_two_per_cent_near_the_boundary_count_as_met():
-    """At 2.2 vertices per horizon the worst vertex near the boundary is off by 3.8 %: a sixth of all are named."""
+def test_five_per_cent_count_as_met():
+    """At 2.2 vertices per horizon the worst vertex is off by 12 %, and a quarter of all are named; at 3.2 by 3.2 %."""
     for per_horizon, least, most in ((2.2, 10, 30), (3.2, 0, 0)):
         balance = BondBasis(vector_basis(box(2, 8, "random")), per_horizon / 8).balanced().balance
         print(f"{per_horizon} vertices: {balance.residual_near:.1e}, {len(balance.unbalanced)} named")
-        assert (balance.residual_near > 0.02) == (per_horizon < 3)
+        assert (balance.residual_near > 0.05) == (per_horizon < 3)
         assert least <= len(balance.unbalanced) <= most

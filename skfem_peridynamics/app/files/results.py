@@ -127,7 +127,7 @@ def _summary(path: Path) -> dict[str, Any]:
 
 
 def _fits(name: str, table: dict[str, Any]) -> bool:
-    """Whether a table of the summary holds what a run writes: seconds are known, and so is that an eigenvalue is one."""
+    """Whether a table of the summary holds what a run writes: seconds are known, and an eigenvalue is not 0."""
     entries = list(table.values())
     if name == "seconds":
         return all(_is_number(entry) and entry >= 0 for entry in entries)

@@ -10,9 +10,9 @@ import numpy as np
 
 from ..._clock import Clock
 from ..._memory import peak_memory_mb
+from ..._threads import usable_cores
 from ..._version import __version__
 from ...analysis.crack import WINDOW, speeds
-from ...engine.threads import usable_cores
 from ..files.history import History, step_limits
 from ..problem.problem import Problem
 from .record import COLUMNS, Record
