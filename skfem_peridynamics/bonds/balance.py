@@ -21,12 +21,12 @@ import numpy as np
 
 from .._types import Bools, Floats
 from ..geometry.connected import connected
+from ..geometry.tensors import killing_tensors, monomials
 from .bond_list import Balance, BondList
 from .moment_fit import MomentFit, moment_map, ratio_of, summed
 from .moment_targets import moment_targets
 from .pair_balance import balance_pairs
 from .pair_bonds import PairBonds
-from .tensors import killing_tensors, monomials
 
 _REACHED = 1e-10  # of the largest moment: what Newton's method goes for inside
 _MISSED = 1e-8  # of the largest moment: above this a vertex inside counts as unbalanced

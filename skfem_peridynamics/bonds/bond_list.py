@@ -26,8 +26,9 @@ class Balance:
     """Balanced weights and how they came out.
 
     ``weights`` by part. ``unbalanced`` lists the vertices (mesh numbers) whose moments of order three are not met: of
-    vertex pairs to 5 % of the largest, of other rules to 1e-8 inside and 2 % near the boundary. ``residual`` and ``residual_near`` are the largest there.
-    ``smallest`` and ``rms``: ratio of new to old weights, its least (positive always) and its deviation from 1.
+    vertex pairs to 5 % of the largest, of other rules to 1e-8 inside and 2 % near the boundary. ``residual`` and
+    ``residual_near`` are the largest there. ``smallest`` and ``rms``: ratio of new to old weights, its least (positive
+    always) and its deviation from 1.
     """
 
     weights: list[Floats]

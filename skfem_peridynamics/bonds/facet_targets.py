@@ -21,13 +21,12 @@ from .._scaling import whole_power
 from .._threads import Threads
 from .._types import Bools, Floats, Ints, Longs, Mesh
 from ..geometry.simplices import outward_normals, vertex_sizes, vertex_volumes
+from ..geometry.tensors import monomials, powers
 from ..geometry.visibility import INSET, Sight, sight
 from ..material.influence import Influence, as_influence
 from .bond_list import BondList
-from .cumulative import Cumulative
 from .moment_targets import Targets
-from .quadrature import FINE, FINER, sphere_mean
-from .tensors import monomials, powers
+from .quadrature import FINE, FINER, Cumulative, sphere_mean
 
 _FLAT = 1e-9  # of the horizon: a plane this close to a vertex goes through it, and is seen from no side
 _PAIRS = 1 << 15  # vertices and facets looked at together
@@ -94,7 +93,7 @@ def _add_compiled(
     mesh: Mesh, pairs: _Pairs, eps: float, tables: Floats, whole: Floats, four: bool, values: Floats
 ) -> None:
     """Add what facets take off, in threads: each has vertices of its own."""
-    from .facet_loops import add_edges, add_triangles
+    from .moment_loops import add_edges, add_triangles
 
     x, corners = np.ascontiguousarray(mesh.p.T), np.ascontiguousarray(np.moveaxis(pairs.corners, (0, 1, 2), (2, 1, 0)))
     flat, least = mesh.dim() == 2, 4 if tables.shape[1] == 2 else 1

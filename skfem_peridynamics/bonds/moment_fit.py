@@ -16,9 +16,9 @@ import scipy.sparse as sparse
 from scipy.sparse.linalg import LinearOperator, lsmr
 
 from .._types import Bools, Csr, Floats
+from ..geometry.tensors import powers
 from .bond_list import BondList
 from .rule import Part
-from .tensors import powers
 
 _LOOSE = 1e-3  # relative accuracy of a Newton step
 _FLAT = 1e-10  # of the largest eigenvalue of a vertex's block: directions without bonds

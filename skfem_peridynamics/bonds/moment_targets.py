@@ -11,12 +11,11 @@ from .._types import Bools, Floats
 from ..geometry.layers import distance_to_facets
 from ..geometry.rays import Tracer
 from ..geometry.simplices import vertex_volumes
+from ..geometry.tensors import monomials, powers
 from ..material.influence import as_influence
 from .bond_list import BondList
-from .cumulative import Cumulative
-from .quadrature import half_sphere, radial_rule
+from .quadrature import Cumulative, half_sphere, radial_rule
 from .samples import gauss_samples
-from .tensors import monomials, powers
 
 _DIRECTIONS = {1: 1, 2: 32, 3: 43}  # of half the ball
 _ORDER = {

@@ -19,11 +19,11 @@ import numpy as np
 from .._compile import available
 from .._threads import Threads
 from .._types import Floats
+from ..geometry.tensors import monomials, powers
 from .bond_list import BondList
 from .moment_fit import MomentMap, moment_map, summed
 from .pair_bonds import PairBonds
 from .quadrature import sphere
-from .tensors import monomials, powers
 
 _TASKS = 2  # of a part of the bonds: their sums are added in order, so that bits do not depend on threads
 _NOTHING = 1e-10  # of the largest eigenvalue of the mean over the sphere: combinations of moments that are none

@@ -8,7 +8,7 @@ from math import pi
 import numpy as np
 
 from .._types import Floats
-from .tensors import powers
+from ..geometry.tensors import powers
 
 # Lebedev degrees with positive weights only (13, 25 and 27 have negative ones), and angles by which each is turned.
 # The length of a ray that a plane face cuts has a kink where the ray runs along the face, and unturned rules put
@@ -29,6 +29,7 @@ _LEBEDEV = {
     31: (1.02, 0.67, 0.49),
 }
 FINE, FINER = 0.15, 0.6  # edge over distance, squared, from which a triangle is seen in 4 and in 16 parts
+_TABLE = 4096  # of cumulative moments
 _PANELS, _DENSE = 16, 24  # the fine rule that stands for the integral of J
 
 
@@ -133,3 +134,22 @@ def sphere(dim: int) -> tuple[Floats, Floats]:
     """Return directions (n, dim) and shares (n,) that integrate polynomials up to degree 15 over the unit sphere."""
     e, angle = half_sphere(dim, {1: 1, 2: 16, 3: 61}[dim])
     return np.concatenate([e, -e]), np.concatenate([angle, angle]) / (2.0 * angle.sum())
+
+
+class Cumulative:
+    """``int_0^a J(s) s^power ds`` for many a.
+
+    >>> round(float(Cumulative(np.ones_like, 1)(np.array([0.5]))[0]), 9)
+    0.125
+    """
+
+    def __init__(self, influence: Callable[[Floats], Floats], power: int) -> None:
+        x, w = np.polynomial.legendre.leggauss(8)
+        self.grid = np.linspace(0.0, 1.0, _TABLE + 1)
+        s = self.grid[:-1, None] + 0.5 * (x + 1.0) / _TABLE
+        pieces = (influence(s) * s**power) @ (0.5 * w / _TABLE)
+        self.table = np.concatenate([[0.0], np.cumsum(pieces)])
+
+    def __call__(self, a: Floats) -> Floats:
+        value: Floats = np.interp(a, self.grid, self.table)
+        return value

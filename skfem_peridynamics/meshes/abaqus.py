@@ -52,6 +52,9 @@ class Instance:
     place: Section | None = None
 
 
+_MOST_PLACED = 5_000_000  # nodes of all instances: a part may be placed again and again
+
+
 def read_abaqus(path: Path) -> Raw:
     """Return the mesh of an input file with all its instances in place. Raises ``ValueError`` with line and keyword."""
     names: dict[str, str] = {}  # as the file spells them first
@@ -194,7 +197,7 @@ def _assembled(parts: Mapping[str, Part], placed: Sequence[Instance], assembly: 
     points: list[Floats] = []
     scopes: dict[str, Scope] = {}
     blocks: list[tuple[str, str, Longs]] = []
-    count = 0
+    count = placed_nodes = 0
     for instance in placed:
         if instance.part not in parts:
             line = f"line {instance.place.line}: " if instance.place else ""
@@ -205,6 +208,11 @@ def _assembled(parts: Mapping[str, Part], placed: Sequence[Instance], assembly: 
         if instance.name in scopes:
             raise ValueError(f"there are two instances of the name {names[instance.name]}")
         nodes, x = _nodes_of(parts[instance.part], len(points) and sum(map(len, points)))
+        placed_nodes += len(x)
+        if placed_nodes > _MOST_PLACED:
+            raise ValueError(
+                f"its instances place more than {_MOST_PLACED} nodes, the last of them {instance.name[:60]}"
+            )
         points.append(_place(instance, x))
         elements = _elements_of(parts[instance.part], nodes, blocks, count)
         count += len(elements.numbers)

@@ -11,7 +11,7 @@ import numpy as np
 from .entries import content_of, decoded
 
 _DEEPEST = 8  # of files that include each other
-_FILES = 1000  # that are included, again or not
+_FILES = 100  # that are included, again or not
 
 
 @dataclass
@@ -81,6 +81,9 @@ def _sections(path: Path, depth: int, included: list[int]) -> Iterator[Section]:
             yield from _sections(path.parent / current["INPUT"], depth + 1, included)
             current = None
         elif current.keyword in ("NODE", "ELEMENT") and "INPUT" in current.parameters:
+            included[0] += 1
+            if included[0] > _FILES:
+                raise ValueError(f"it includes more than {_FILES} files, the last by line {number}")
             current.data += _rows_elsewhere(current)
     if current is not None:
         yield current

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from .._files import open_regular
+from .._memory import free_memory
 from .._types import Longs
 from .entries import decoded, whole
 from .mend import Raw
@@ -34,6 +35,8 @@ _SIDES: Mapping[str, tuple[tuple[int, ...], ...]] = {
     "hexahedron": ((0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (0, 4, 7, 3), (0, 3, 2, 1), (4, 5, 6, 7)),
 }
 _FACET = {1: "vertex", 2: "line", 3: "triangle", 4: "quad"}
+
+_PACKED, _SMALL = 1100, 1e6  # more than ZLib packs, and bytes that are always read
 
 
 def read_exodus(path: Path) -> Raw:
@@ -137,16 +140,38 @@ def _variables(path: Path) -> tuple[dict[str, Any], dict[str, str]]:
             types = {name: variable._attributes.get("elem_type", b"") for name, variable in content.variables.items()}
     except (ValueError, TypeError, LookupError, OverflowError) as error:
         raise ValueError(f"its netCDF is damaged ({type(error).__name__}: {error})") from None
-    return found, {name: decoded(bytes(value)) for name, value in types.items()}
+    return found, {name: _text(value) for name, value in types.items()}
 
 
 def _of_hdf(path: Path) -> tuple[dict[str, Any], dict[str, str]]:
     import h5py
 
     try:
-        with h5py.File(path, "r") as content:
-            found = {name: data[()] for name, data in content.items() if isinstance(data, h5py.Dataset) and data.shape}
-            types = {name: content[name].attrs.get("elem_type", b"") for name in found}
+        with open_regular(path) as raw, h5py.File(raw, "r") as content:
+            names = [name for name in content if content.get(name, getclass=True, getlink=True) is h5py.HardLink]
+            names = [name for name in names if content.get(name, getclass=True) is h5py.Dataset and content[name].shape]
+            found = {name: numbers_of(content, name) for name in names}
+            types = {name: _text(content[name].attrs.get("elem_type", b"")) for name in found}
     except (OSError, ValueError, TypeError, LookupError) as error:
         raise ValueError(f"its netCDF 4 is damaged ({error})") from None
-    return found, {name: value if isinstance(value, str) else decoded(bytes(value)) for name, value in types.items()}
+    return found, types
+
+
+def numbers_of(content: Any, name: str) -> Any:
+    """Return the numbers under a name of an HDF file; raises ``ValueError`` where they are not in it, or were no room.
+
+    What is not stored is filled in by HDF: a file of a kilobyte may stand for gigabytes.
+    """
+    link = content.get(name, getlink=True)
+    data = content[name] if type(link).__name__ == "HardLink" else None
+    if data is None or getattr(data, "external", None) or getattr(data, "is_virtual", False):
+        raise ValueError(f"{name[:80]!r} is in another file: only what is in the file itself is read")
+    stored = int(data.id.get_storage_size())
+    if data.nbytes > _PACKED * stored + _SMALL or data.nbytes * 2 > free_memory():
+        raise ValueError(f"{name[:80]!r} unpacks {stored} bytes to {data.nbytes / 1e6:.3g} MB, which is more than fits")
+    return data[()]
+
+
+def _text(value: Any) -> str:
+    """The text of an attribute; empty where it is none."""
+    return value if isinstance(value, str) else decoded(value) if isinstance(value, bytes) else ""

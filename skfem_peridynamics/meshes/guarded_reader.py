@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import re
 import subprocess
 import sys
@@ -17,18 +18,30 @@ from typing import Any
 import numpy as np
 
 from .._files import open_regular
-from .._memory import free_memory
 from .entries import READING, content_of
+from .exodus import numbers_of
 from .vtu import read_vtu
 
 # formats whose readers end on whatever they are given; the first bytes tell Gmsh's files from Ansys's of the same name
 _SAFE = {".vtk", ".mesh", ".meshb", ".vol", ".obj", ".stl"}
 _LINES = re.MULTILINE | re.IGNORECASE
+_CHILD_MEMORY = 1.5e9  # bytes of address space, most of it that of libraries
 _SECONDS, _RATE = 5.0, 1e6  # patience, and bytes a second on top
 
 _CHILD = """
 import json
+import os
 import sys
+import threading
+def watch():  # the other end is closed when the parent ends, however that happens
+    sys.stdin.buffer.read()
+    os._exit(1)
+threading.Thread(target=watch, daemon=True).start()
+try:
+    import resource
+    resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]), int(sys.argv[2])))
+except (ImportError, ValueError):
+    pass
 import numpy as np
 import meshio
 out = sys.stdout
@@ -72,16 +85,11 @@ def read(path: Path) -> Any:
     # isolated: with the working folder on its path a numpy.py beside the scene would be run
     patience = _SECONDS + path.stat().st_size / _RATE
     try:
-        done = subprocess.run(
-            [sys.executable, "-I", "-c", _CHILD, str(path.absolute())],
-            capture_output=True,
-            timeout=patience,
-            check=False,
-        )
+        output, errors, code = _run(path, patience)
     except subprocess.TimeoutExpired:
         raise TimeoutError(f"its reader has not come to an end in {patience:.0f} s") from None
-    if done.returncode:
-        said = done.stderr.decode(errors="replace").strip().splitlines()
+    if code:
+        said = errors.decode(errors="replace").strip().splitlines()
         missing = re.fullmatch(r"ModuleNotFoundError: No module named '(\w+)[\w.]*'", said[-1] if said else "")
         if missing:
             raise ModuleNotFoundError(said[-1], name=missing[1])
@@ -90,7 +98,7 @@ def read(path: Path) -> Any:
     arrays_by_name: dict[str, Any] = {"points": np.zeros((0, 3)), "cell_data": {}, "cell_sets": {}, "field_data": {}}
     arrays_by_name["point_sets"] = {}
     tag_names: dict[str, list[str]] = {}
-    with np.load(io.BytesIO(done.stdout), allow_pickle=False) as content:
+    with np.load(io.BytesIO(output), allow_pickle=False) as content:
         for key in content:
             key_kind, number, name = (*key.split(" ", 2), "", "")[:3]
             if key == "tag_names":
@@ -113,6 +121,24 @@ def read(path: Path) -> Any:
     mesh = meshio.Mesh(arrays_by_name.pop("points"), cells, **arrays_by_name)
     mesh.cell_tags = {int(tag): names for tag, names in tag_names.items()}
     return mesh
+
+
+def _run(path: Path, patience: float) -> tuple[bytes, bytes, int]:
+    """Read in a process of its own, which ends when this one does, and has a bound of memory."""
+    most = _CHILD_MEMORY + READING * path.stat().st_size
+    command = [sys.executable, "-I", "-c", _CHILD, str(path.absolute()), str(int(most))]
+    read_end, write_end = os.pipe()
+    try:
+        with subprocess.Popen(command, stdin=read_end, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
+            try:
+                output, errors = child.communicate(timeout=patience)
+            except BaseException:
+                child.kill()
+                raise
+            return output, errors, child.returncode
+    finally:
+        os.close(read_end)
+        os.close(write_end)
 
 
 def _check_listed(path: Path) -> None:
@@ -139,6 +165,8 @@ def _read_xdmf(path: Path) -> Any:
         def _read_data_item(self, item: Any, root: Any = None) -> Any:
             if "Reference" in item.attrib:
                 return super()._read_data_item(item, root)
+            if item.get("Dimensions") is None:
+                raise ValueError("it has data without Dimensions")
             kind, text = item.get("DataType", item.get("NumberType", "Float")), item.text or ""
             dtype = np.dtype(xdmf_to_numpy_type[kind, item.get("Precision", "4")])
             sizes = [int(n) for n in item.get("Dimensions").split()]
@@ -160,7 +188,4 @@ def _read_hdf(folder: Path, place: str) -> Any:
 
     name, _, inside = place.partition(":")
     with open_regular(folder / name) as raw, h5py.File(raw, "r") as file:
-        numbers = file[inside.strip("/")]
-        if numbers.nbytes * READING > free_memory():
-            raise ValueError(f"{place[:80]!r} unpacks to {numbers.nbytes / 1e6:.3g} MB, too much for the free memory")
-        return numbers[()]
+        return numbers_of(file, inside.strip("/"))

@@ -7,6 +7,7 @@ import dataclasses
 import io
 import logging
 import threading
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -95,7 +96,8 @@ def _by_meshio(path: Path) -> Raw:
 
     said = io.StringIO()  # meshio prints its reasons
     try:
-        with quietly(said):
+        with quietly(said), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             content = read(path)
             check_cells(content)
             return raw_mesh(content)
@@ -122,6 +124,7 @@ def _reason(error: BaseException, printed: str) -> str:
     import meshio
 
     words = " ".join((printed or str(error)).split())
+    words = "" if "NoneType" in words else words
     if isinstance(error, meshio.ReadError | ValueError | SystemExit) and len(words.split()) > 3:
         return words
     kind = "" if isinstance(error, SystemExit) else f" with {type(error).__name__}"

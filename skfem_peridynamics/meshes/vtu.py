@@ -31,6 +31,7 @@ _TYPES = {"Float32": "f4", "Float64": "f8"} | {
     f"{sign}Int{8 * size}": f"{letter}{size}" for sign, letter in (("", "i"), ("U", "u")) for size in (1, 2, 4, 8)
 }
 _GHOST = 1 | 32  # bits of vtkGhostType: a copy of another piece's element, a hidden one
+_TAGS = 100_000  # of its XML: a few for each piece and array
 _LARGEST_CELL = 64  # vertices of a cell, and numbers of the faces of one
 # cells that VTK numbers by rows: their kind, and their vertices in its order
 _BY_ROWS = {8: ("quad", (0, 1, 3, 2)), 11: ("hexahedron", (0, 1, 3, 2, 4, 5, 7, 6))}
@@ -53,14 +54,16 @@ def read_vtu(path: Path) -> Any:
     Raises ``ValueError`` for what is not known, and where arrays are not as long as the file declares.
     """
     content = content_of(path)
-    named = re.search(rb'<VTKFile[^>]*compressor="([^"]*)"', content)
+    named = re.search(rb'<VTKFile[^>]{0,1000}compressor="([^"]*)"', content)
     if named and decoded(named[1]) not in _UNPACKERS:
         raise ValueError(f"its data are compressed by {decoded(named[1])[:60]}, which is not read: {_AGAIN}")
     appended = b""
-    start = re.search(rb"<AppendedData[^>]*>\s*_", content)
+    start = re.search(rb"<AppendedData[^>]{0,200}>\s{0,200}_", content)
     if start is not None:  # bytes that may be no XML
         end = content.rfind(b"</AppendedData>")
         appended, content = content[start.end() : end], content[: start.end()] + content[end:]
+    if content.count(b"<") > _TAGS:
+        raise ValueError(f"it has more than {_TAGS} tags: no grid has")
     try:
         tree = ElementTree.fromstring(content)
     except ElementTree.ParseError as error:
@@ -69,7 +72,7 @@ def read_vtu(path: Path) -> Any:
     is_raw = start is not None and b'encoding="raw"' in start[0]
     header = _TYPES.get(tree.get("header_type", "UInt32"), "")
     if header not in ("u4", "u8"):
-        raise ValueError(f"its header_type is {tree.get('header_type')!r}: UInt32 and UInt64 are read")
+        raise ValueError(f"its header_type is {tree.get('header_type', '')[:40]!r}: UInt32 and UInt64 are read")
     coding = _Coding(order, header, tree.get("compressor"), appended, is_raw)
     pieces = tree.findall("UnstructuredGrid/Piece")
     if not pieces:
@@ -90,7 +93,7 @@ def _read_piece(piece: ElementTree.Element, which: str, coding: _Coding) -> _Pie
     counts = []
     for name in ("NumberOfPoints", "NumberOfCells"):
         if not piece.get(name, "").strip().isdigit():
-            raise ValueError(f"{which} has {name}={piece.get(name)!r}, which is not a count")
+            raise ValueError(f"{which} has {name}={piece.get(name, '')[:40]!r}, which is not a count")
         counts.append(int(piece.get(name, "")))
     points, cells = counts
     p = [_values(array, coding, 3 * points) for array in piece.findall("Points/DataArray")]
@@ -134,7 +137,7 @@ def _columns(piece: ElementTree.Element, of: str, count: int, which: str, coding
         values = _values(array, coding, count * components)
         if values.size != count * components:
             what = "cells" if of == "CellData" else "points"
-            raise ValueError(f"{which} has {values.size} numbers of {array.get('Name')!r} for {count} {what}")
+            raise ValueError(f"{which} has {values.size} numbers of {array.get('Name', '')[:60]!r} for {count} {what}")
         found[str(array.get("Name"))] = values.reshape(count, components) if components > 1 else values.ravel()
     return found
 

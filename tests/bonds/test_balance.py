@@ -13,8 +13,8 @@ from skfem_peridynamics import BallRule, BondBasis, Crack, Exponential, Linear, 
 from skfem_peridynamics.bonds.balance import _incompatible
 from skfem_peridynamics.bonds.moment_fit import moment_map, ratio_of, slope_of_ratio
 from skfem_peridynamics.bonds.moment_targets import moment_targets
-from skfem_peridynamics.bonds.tensors import killing_tensors, monomials
 from skfem_peridynamics.geometry.simplices import element_volumes
+from skfem_peridynamics.geometry.tensors import killing_tensors, monomials
 
 RULES = {
     1: [PairRule(), PairRule(points="gauss"), BallRule(3, 1), BallRule(3, 1, "vertices")],

@@ -11,8 +11,8 @@ from skfem_peridynamics.bonds import pair_moments
 from skfem_peridynamics.bonds.facet_targets import facet_targets
 from skfem_peridynamics.bonds.moment_fit import moment_map
 from skfem_peridynamics.bonds.pair_moments import PairMoments
-from skfem_peridynamics.bonds.tensors import powers
 from skfem_peridynamics.geometry.simplices import vertex_volumes
+from skfem_peridynamics.geometry.tensors import powers
 
 INFLUENCES = {"constant": np.ones_like, "conical": lambda s: 1.0 - s}
 

@@ -1,5 +1,6 @@
 """What whoever prepared a folder, a file or a stream can do to a run: nothing outside the folder, and no silence."""
 
+import json
 import os
 import signal
 import subprocess
@@ -8,6 +9,7 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import faults
@@ -370,3 +372,216 @@ def test_a_load_that_is_singular_in_time(tmp_path):
     with pytest.raises(SceneError, match=r"formula '0.001/\(t - 1.5\)' is inf at .* t = 1.5"):
         run(Scene.parse(content), tmp_path)
     faults.nothing_corrupt(tmp_path)
+
+
+@pytest.mark.parametrize("what", ["plot", "study", "stability"])
+def test_other_commands_hold_their_folder_too(what, tmp_path, monkeypatch):
+    """A link that takes its place while they work is not written through."""
+    from skfem_peridynamics.app.report import run_pictures, study_page
+    from skfem_peridynamics.stability import cases
+
+    out, outside = tmp_path / "out", tmp_path / "outside"
+    outside.mkdir()
+
+    def swapped(real):
+        def act(*arguments, **keys):
+            if not out.is_symlink():
+                out.rename(tmp_path / "moved")
+                out.symlink_to(outside)
+            return real(*arguments, **keys)
+
+        return act
+
+    if what == "plot":
+        run(small(), out)
+        monkeypatch.setattr(run_pictures, "plot_energies", swapped(run_pictures.plot_energies))
+        code = main(["plot", str(out)])
+    elif what == "study":
+        (tmp_path / "scene.toml").write_text(SMALL)
+        monkeypatch.setattr(study_page, "as_json", swapped(study_page.as_json))
+        code = main(["study", str(tmp_path / "scene.toml"), "--quick", "--quiet", "--out", str(out)])
+    else:
+        monkeypatch.setattr(cases, "run_cases", swapped(cases.run_cases))
+        code = main(["stability", "--quick", "--only", "units", "--quiet", "--out", str(out)])
+    assert code in (1, 2)
+    assert not list(outside.iterdir())
+
+
+def test_a_run_that_appears_while_another_sets_up(tmp_path, monkeypatch):
+    import importlib
+
+    module = importlib.import_module("skfem_peridynamics.app.run.run")
+    real, out = module._prepare, tmp_path / "out"
+
+    def other_first(*arguments):
+        monkeypatch.setattr(module, "_prepare", real)
+        run(small(), out)
+        return real(*arguments)
+
+    monkeypatch.setattr(module, "_prepare", other_first)
+    with pytest.raises(SceneError, match="has come to hold frame_0000.vtu meanwhile"):
+        run(small(), out)
+    assert (out / "summary.json").exists()
+    faults.nothing_corrupt(out)
+
+
+@pytest.mark.parametrize("at", ["Record", "summary_after"])
+def test_signals_between_two_files(at, tmp_path, monkeypatch, whole):
+    """While a folder is cleared, and between the last step and the summary: gone on with, or whole."""
+    import importlib
+
+    module = importlib.import_module("skfem_peridynamics.app.run.run")
+    faults.stop(small(), tmp_path, 12)
+    real = getattr(module, at)
+
+    def asked(*arguments):
+        if at == "Record":
+            signal.raise_signal(signal.SIGTERM)
+        made = real(*arguments)
+        if at != "Record":
+            signal.raise_signal(signal.SIGTERM)
+        return made
+
+    monkeypatch.setattr(module, at, asked)
+    with pytest.raises(Interrupted):
+        run(small(), tmp_path, resume=False)
+    monkeypatch.undo()
+    assert run(small(), tmp_path, resume=True)["status"] == "finished"
+    assert results(tmp_path) == whole
+
+
+def test_a_reader_dies_with_its_command(tmp_path):
+    (tmp_path / "a.off").write_text("OFF\n")
+    scene = SMALL.replace("box = [[0, 1], [0, 0.5]], divisions = [16, 8]", 'file = "a.off"')
+    (tmp_path / "scene.toml").write_text(scene)
+
+    def readers():
+        found = subprocess.run(["pgrep", "-f", str(tmp_path / "a.off")], capture_output=True, text=True)
+        return found.stdout.split()
+
+    child = subprocess.Popen([COMMAND, "check", "scene.toml"], cwd=tmp_path, stderr=subprocess.DEVNULL)
+    for _ in range(400):
+        if readers():
+            break
+        time.sleep(0.02)
+    assert readers()
+    child.kill()
+    child.wait()
+    for _ in range(400):
+        if not readers():
+            break
+        time.sleep(0.02)
+    assert not readers()
+
+
+def test_a_file_of_settings_in_the_working_folder_is_not_obeyed(tmp_path, monkeypatch):
+    (tmp_path / "matplotlibrc").write_text("text.usetex: True\nsavefig.dpi: 2000\n")
+    (tmp_path / "scene.toml").write_text(SMALL.replace("pictures = false", "pictures = true"))
+    done = subprocess.run(
+        [COMMAND, "run", "scene.toml", "--out", "out"], cwd=tmp_path, capture_output=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    assert 1000 < (tmp_path / "out" / "damage.png").stat().st_size < 2_000_000
+
+
+FINISHED = [
+    ("nodes", None),
+    ("largest_Z", None),
+    ("seconds", "x"),
+    ("seconds", {"a": "b"}),
+    ("estimate_note", "only this"),
+    ("energy_drift", [1]),
+    ("step", "0"),
+]
+
+
+@pytest.mark.parametrize(("name", "value"), FINISHED)
+def test_summaries_of_finished_runs_that_no_run_wrote(name, value, tmp_path, capsys):
+    (tmp_path / "scene.toml").write_text(SMALL)
+    out = tmp_path / "out"
+    run(small(), out)
+    summary = json.loads((out / "summary.json").read_text())
+    (out / "summary.json").write_text(json.dumps({**summary, name: value}))
+    assert main(["run", str(tmp_path / "scene.toml"), "--out", str(out)]) == 0
+    assert "fault" not in capsys.readouterr().err
+
+
+BOMBS = {
+    "deep.vtu": (b'<?xml version="1.0"?>' + b"<a>" * 200_000, "tags"),
+    "words.vtu": (b'<VTKFile x="1">' + b"<AppendedData" * 60_000, "is not XML"),
+    "many.inp": (
+        b"*PART, NAME=P\n*NODE\n"
+        + b"".join(b"%d, %d, 0\n" % (k, k) for k in range(1, 3001))
+        + b"*END PART\n*ASSEMBLY, NAME=A\n"
+        + b"".join(b"*INSTANCE, NAME=I%d, PART=P\n*END INSTANCE\n" % k for k in range(3000))
+        + b"*END ASSEMBLY\n",
+        "more than 5000000 nodes",
+    ),
+    "rows.inp": (b"*NODE, INPUT=rows.txt\n" * 2000, "more than 100 files"),
+    "word.inp": (b"*" + b"Q" * 100_000 + b"\n1, 2\n", ""),
+    "word.vtk": (b"# vtk DataFile Version 3.0\nx\nASCII\nDATASET " + b"Q" * 100_000 + b"\n", ""),
+    "word.stl": (b"solid\n" + b"q" * 100_000 + b"\n", ""),
+    "endless.off": (b"OFF\n", "has not come to an end"),
+}
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_mesh_files_that_stand_for_more_than_they_are(name, tmp_path, capsys):
+    content, told = BOMBS[name]
+    (tmp_path / name).write_bytes(content)
+    (tmp_path / "rows.txt").write_text("1, 0, 0\n")
+    scene = SMALL.replace("box = [[0, 1], [0, 0.5]], divisions = [16, 8]", f'file = "{name}"')
+    (tmp_path / "scene.toml").write_text(scene)
+    begin = time.monotonic()
+    assert main(["check", str(tmp_path / "scene.toml")]) == 2
+    assert time.monotonic() - begin < 10.0
+    said = capsys.readouterr().err
+    assert told in said
+    assert said.count("\n") == 1
+    assert len(said) < 3000
+    assert "None" not in said
+    assert "Warning" not in said
+    assert max(map(len, said.split())) <= 200
+
+
+def test_exodus_files_whose_numbers_are_elsewhere_or_nowhere(tmp_path, capsys):
+    h5py = pytest.importorskip("h5py")
+    os.mkfifo(tmp_path / "pipe")
+    scene = SMALL.replace("box = [[0, 1], [0, 0.5]], divisions = [16, 8]", 'file = "a.exo"')
+    (tmp_path / "scene.toml").write_text(scene)
+
+    def link(file):
+        file["coord"] = h5py.ExternalLink(str(tmp_path / "pipe"), "/x")
+
+    def outside(file):
+        file.create_dataset("coord", (2, 4), dtype=float, external=[(str(tmp_path / "pipe"), 0, 64)])
+
+    def filled(file):
+        file.create_dataset("coord", (3, 80_000_000), dtype=float, chunks=(3, 100_000), fillvalue=1.0)
+
+    def kind(file):
+        file.create_dataset("coord", data=np.zeros((2, 4)))
+        file.create_dataset("connect1", data=np.ones((1, 3), dtype=int)).attrs["elem_type"] = np.int64(3_000_000_000)
+
+    for make in (link, outside, filled, kind):
+        with h5py.File(tmp_path / "a.exo", "w") as file:
+            make(file)
+        begin = time.monotonic()
+        assert main(["check", str(tmp_path / "scene.toml")]) == 2
+        assert time.monotonic() - begin < 10.0
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1
+        assert "fault" not in said
+
+
+def test_a_checkpoint_that_is_only_long(tmp_path, capsys):
+    (tmp_path / "scene.toml").write_text(SMALL)
+    out = tmp_path / "out"
+    out.mkdir()
+    with open(out / "checkpoint.bin", "wb") as file:
+        file.write(b"skfem-peridynamics checkpoint 1\n")
+        file.truncate(1 << 40)
+    begin = time.monotonic()
+    assert main(["run", str(tmp_path / "scene.toml"), "--out", str(out), "--resume", "--quiet"]) == 2
+    assert time.monotonic() - begin < 10.0
+    assert "cannot be read" in capsys.readouterr().err

@@ -6,6 +6,7 @@ import argparse
 import errno
 import logging
 import os
+import re
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -17,6 +18,7 @@ from ..scene.reading import SceneError
 from ..scene.shown import cut, shown
 from .streams import guarded
 
+_LONG, _MOST = re.compile(r"\S{200,}"), 2500  # characters of a word, and of a message
 _TABLES = ("check", "cfl")  # commands that are asked for what they print
 
 
@@ -63,7 +65,9 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _complain(message: object, code: int) -> int:
-    print(f"skfem-peridynamics: {' '.join(str(message).split())}", file=sys.stderr)
+    # whatever a message repeats of an input, no word of it fills a screen
+    words = _LONG.sub(lambda word: cut(word[0]), " ".join(str(message).split()))
+    print(f"skfem-peridynamics: {cut(words, _MOST)}", file=sys.stderr)
     return code
 
 

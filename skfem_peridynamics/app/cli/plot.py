@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from ..._files import held
 from ..scene.reading import SceneError
 
 
@@ -18,9 +19,10 @@ def plot(arguments: argparse.Namespace) -> int:
     from ..report.run_pictures import draw, draw_animation
 
     results = Results.read(arguments.folder)
-    names = draw(results, course=True)
-    if arguments.animate:
-        names.append(draw_animation(results))
-    names.append(write_report(arguments.folder).name)
+    with held(arguments.folder):
+        names = draw(results, course=True)
+        if arguments.animate:
+            names.append(draw_animation(results))
+        names.append(write_report(arguments.folder).name)
     print(f"{results.title}: {', '.join(names)} written to {arguments.folder}")
     return 0

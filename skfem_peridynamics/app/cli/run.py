@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
                 *_effort(summary),
                 *_error(summary),
                 ("time", f"{time.perf_counter() - begin:.1f} s ({parts})"),
-                ("per step", f"{1e3 * summary['seconds_per_step']:.2f} ms"),
+                ("per step", f"{1e3 * seconds.get('steps', 0.0) / max(1, summary['steps']):.2f} ms"),
                 ("memory", f"{summary['peak_memory_mb']:.0f} MB"),
                 ("written to", f"{arguments.out}" + (", report.html" if arguments.report else "")),
             ]
@@ -69,7 +69,7 @@ def _effort(summary: dict[str, Any]) -> list[tuple[str, str]]:
 def _error(summary: dict[str, Any]) -> list[tuple[str, str]]:
     if "estimate_note" not in summary:
         return []
-    error = summary["error_estimate"]
+    error = summary.get("error_estimate")
     return [("error", summary["estimate_note"] if error is None else f"{error:.2e}: {summary['estimate_note']}")]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from ..._files import held
 from ..scene.reading import SceneError
 
 
@@ -35,8 +36,9 @@ def stability(arguments: argparse.Namespace) -> int:
         elif verdict.note:
             print(f"  {verdict.setting}: {verdict.note}", flush=True)
 
-    verdicts = run_cases(names, arguments.quick, report)
-    files = write_report(arguments.out, verdicts, arguments.quick, plot.available())
+    with held(arguments.out):
+        verdicts = run_cases(names, arguments.quick, report)
+        files = write_report(arguments.out, verdicts, arguments.quick, plot.available())
     if not arguments.quiet:
         count = len(verdicts.entries)
         holding = sum(verdict.holds for verdict in verdicts.entries)

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 from pathlib import Path
 
+from ..._files import held
 from ..scene.reading import SceneError
 from ..scene.scene import Scene
 
 
 def study(arguments: argparse.Namespace) -> int:
     """Run a study by its name or of a scene; return the exit code."""
+    with contextlib.ExitStack() as stack:
+        return _study(arguments, stack)
+
+
+def _study(arguments: argparse.Namespace, stack: contextlib.ExitStack) -> int:
     from ...study.catalogue import STUDIES, run_study
 
     if arguments.list:
@@ -35,6 +42,7 @@ def study(arguments: argparse.Namespace) -> int:
 
     if arguments.what in STUDIES:
         make_folder(arguments.out)
+        stack.enter_context(held(arguments.out))
         # a study of minutes leaves its rows behind when it is stopped
         outcome = run_study(arguments.what, arguments.quick, report, lambda part: write_rows(arguments.out, part))
     else:
@@ -42,6 +50,7 @@ def study(arguments: argparse.Namespace) -> int:
 
         scene = Scene.read(Path(arguments.what))
         outcome = study_scene(scene, arguments.out, report, levels=2 if arguments.quick else 3)
+        stack.enter_context(held(arguments.out))
     names = write_study(arguments.out, outcome, plot.available())
     if not arguments.quiet:
         print(f"{outcome.name}: {', '.join(names)} written to {arguments.out}")

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..._files import open_regular, rename, write_all
 from ..._files import remove as remove_file
+from ..._memory import free_memory
 from ..._types import Floats
 from ...solve.state import Equilibrium, State, contents, rebuilt
 from ..scene.shown import named
@@ -78,7 +79,7 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
 def read_checkpoint(path: Path) -> Checkpoint:
     """Read a checkpoint. Raises :class:`DamagedCheckpoint` for a file that is not what was written."""
     try:
-        with open_regular(path) as file:
+        with open_regular(path, free_memory()) as file:
             return _read(file, os.fstat(file.fileno()).st_size)
     except DamagedCheckpoint as error:
         raise DamagedCheckpoint(f"{named(path)} is damaged: {error}") from None

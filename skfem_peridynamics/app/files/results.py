@@ -18,11 +18,11 @@ import numpy as np
 from ..._files import MB, read_regular
 from ..._types import Floats, Mesh
 from ..scene.reading import LARGEST, SceneError
-from ..scene.shown import named
+from ..scene.shown import MOST_OF_A_NAME, cut, named, shown
 from ..scene.units import UnitsTable
 
 # bytes: rows and frames of a scene have bounds, which are far below
-SUMMARY_MOST, HISTORY_MOST, LIST_MOST = 64 * MB, 512 * MB, 16 * MB
+SUMMARY_MOST, HISTORY_MOST, LIST_MOST = 8 * MB, 512 * MB, 16 * MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class Results:
         if not folder.is_dir():
             raise SceneError(f"{named(folder)} is not a folder; give one that run has written")
         try:
-            summary = _summary(folder / "summary.json")
+            summary = read_summary(folder / "summary.json")
             history = _history(folder / "history.csv")
             frames = _frames(folder)
         except (OSError, ValueError, KeyError, TypeError, ElementTree.ParseError, RecursionError, csv.Error) as error:
@@ -68,7 +68,8 @@ class Results:
 
     @property
     def title(self) -> str:
-        return str(self.summary.get("title") or self.scene.get("title") or self.folder.name)
+        title = str(self.summary.get("title") or self.scene.get("title") or self.folder.name)
+        return cut(" ".join(title.encode(errors="replace").decode().split()), MOST_OF_A_NAME)
 
     @property
     def units(self) -> UnitsTable:
@@ -108,7 +109,8 @@ def _rename_old(summary: dict[str, Any]) -> None:
         summary.setdefault("step_limits", {f"by_{name}": step for name, step in old.items()})
 
 
-def _summary(path: Path) -> dict[str, Any]:
+def read_summary(path: Path) -> dict[str, Any]:
+    """Return a summary, checked; empty where there is none. Raises ``OSError`` and ``ValueError``."""
     if not path.is_file():
         return {}
     summary = json.loads(read_regular(path, SUMMARY_MOST))
@@ -120,7 +122,7 @@ def _summary(path: Path) -> dict[str, Any]:
         if value is None:
             continue
         if name in _NUMBERS and not _is_number(value):
-            raise ValueError(f"summary.json has {name} = {value!r}, which is no number")
+            raise ValueError(f"summary.json has {name} = {shown(value)}, which is no number")
         if name in _TABLES and not (isinstance(value, dict) and _fits(name, value)):
             raise ValueError(f"summary.json has a table {name} that no run writes")
     return summary
@@ -147,7 +149,10 @@ _HISTORY = ("t", "kinetic", "intact", "softened", "total", "work")
 def _history(path: Path) -> dict[str, Floats]:
     if not path.is_file():
         return {}
-    rows = list(csv.reader(io.StringIO(read_regular(path, HISTORY_MOST).decode(), newline="")))
+    content = read_regular(path, HISTORY_MOST)
+    if content and not content.startswith(b"t,"):
+        raise ValueError("history.csv has no column 't' at its begin")
+    rows = list(csv.reader(io.StringIO(content.decode(), newline="")))
     if not rows:
         return {}
     names, numbers = rows[0], rows[1:]
@@ -170,7 +175,7 @@ def _frames(folder: Path) -> tuple[tuple[float, Path], ...]:
     for entry in ElementTree.fromstring(read_regular(folder / "frames.pvd", LIST_MOST)).iter("DataSet"):
         name, t = entry.attrib["file"], float(entry.attrib["timestep"])
         if not re.fullmatch(r"frame_\d{4,}\.vtu", name) or not math.isfinite(t):
-            raise ValueError(f"frames.pvd lists {name!r}, which is no frame")
+            raise ValueError(f"frames.pvd lists {shown(name)}, which is no frame")
         out.append((t, folder / name))
     return tuple(out)
 

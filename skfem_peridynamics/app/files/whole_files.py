@@ -53,12 +53,13 @@ def make_folder(folder: Path) -> None:
 def check_name(folder: Path) -> None:
     """Raise :class:`SceneError` where no folder can be under this name, or something else is."""
     try:
-        if folder.exists() and not folder.is_dir():
-            raise SceneError(f"output folder {named(folder)} exists and is not a folder")
+        is_other = folder.exists() and not folder.is_dir()
     except ValueError:
         raise SceneError(f"output folder {named(folder)} is no name of a folder") from None
     except OSError as error:  # too long, or in a folder that cannot be looked into
         raise SceneError(f"output folder {named(folder)} cannot be looked at: {error.strerror}") from None
+    if is_other:
+        raise SceneError(f"output folder {named(folder)} exists and is not a folder")
 
 
 @contextlib.contextmanager

@@ -8,6 +8,7 @@ from ..._types import Mesh
 from ...bonds.ball_bonds import BallBonds
 from ...bonds.ball_rule import BallRule
 from ...bonds.pair_bonds import PairBonds
+from ...bonds.pair_rule import PairRule
 from ...bonds.rule import Rule
 from ...engine.block import matrix_bytes
 from ...model.peridynamics import MATRIX_MEMORY
@@ -20,13 +21,16 @@ _COMPILER = 90_000_000  # bytes of numba
 _PICTURES, _IN_PICTURE = 30_000_000, 900  # bytes of matplotlib, and a vertex that is drawn
 _MAKING = (130e6, 200.0)  # bytes while bonds are made: at most, and a bond
 _BALL_LISTED = 200  # bytes of a bond of the ball rule, as sparse products hold it
-_BALANCING = {1: 180, 2: 400, 3: 800}  # bytes a bond while weights are balanced
+# bytes a bond while weights are balanced: of vertex pairs by compiled loops (docs/benchmarks/balancing.py: 30, and 110
+# in a cube of 50^3), of others and by arrays
+_BALANCING_PAIRS, _BALANCING = {1: 180, 2: 40, 3: 120}, {1: 180, 2: 400, 3: 800}
 _LOADING = 1.0  # seconds that it takes to load compiled loops, with what numba itself loads
 # seconds (docs/evidence/performance.md): a bond and force by sparse products; a bond and step of a whole run on two
 # cores, its history and frames included, by either engine
 _SPARSE_FORCE, _SPARSE_STEP, _COMPILED_STEP = 7e-9, 22e-9, 6e-9
 # seconds of any set-up, of a vertex, of a bond by dimension (slits are looked at), of a bond whose weights are balanced
 _SETUP, _VERTEX, _BOND, _BALANCED_BOND = 0.3, 3e-6, {1: 3e-7, 2: 1e-6, 3: 2.2e-6}, 6e-5
+_BALANCED_PAIR = {1: 6e-5, 2: 3e-7, 3: 1.5e-6}  # the same of vertex pairs
 _CALL = {True: 1e-4, False: 6e-4}  # seconds of an explicit step, and of an implicit evaluation, whatever the body
 # seconds a vertex of a frame; of pictures, and a vertex in them; of a row of the history, and a bond in it
 _IN_FRAME, _DRAWING, _DRAWN, _ROW, _IN_ROW = 6e-6, 1.5, 5e-5, 2e-3, 1e-8
@@ -47,6 +51,7 @@ def seconds_of_run(
     balanced: bool,
     frames: int,
     rows: int = 0,
+    pairs: bool = False,
     pictures: bool = False,
 ) -> dict[str, float]:
     """Return about how many seconds the phases of a run take on two cores; `docs/benchmarks/estimates.py` compares."""
@@ -56,7 +61,7 @@ def seconds_of_run(
         return _COMPILED_STEP if compiled else _SPARSE_STEP
 
     forces = steps if explicit else steps * PER_IMPLICIT_STEP
-    each = _BOND[dim] + (_BALANCED_BOND if balanced else 0.0)
+    each = _BOND[dim] + ((_BALANCED_PAIR[dim] if pairs else _BALANCED_BOND) if balanced else 0.0)
     parts = {"set-up": _SETUP + nvertices * _VERTEX + nbonds * each}
     if explicit:
         parts["step limit"] = PRODUCTS * nbonds * a_bond(PRODUCTS)
@@ -82,9 +87,15 @@ def memory_of_run(
     listed = 24 if compiled else _BALL_LISTED if is_ball else 64
     most, each = _MAKING
     bonds = max(nbonds * listed + matrices, nbonds * 24 + min(most, nbonds * each))
-    bonds += nbonds * (_BALANCING[dim] if balanced else 0)
+    if balanced:
+        bonds += nbonds * (_BALANCING_PAIRS if at_vertices(rule) and installed() else _BALANCING)[dim]
     program = _PROGRAM + (_COMPILER if compiled else 0) + (_PICTURES + _IN_PICTURE * nvertices if pictures else 0)
     return int(bonds) + 60 * 8 * dim * nvertices + 200 * dim * nelements + program
+
+
+def at_vertices(rule: Rule) -> bool:
+    """Return whether the bonds of a rule are vertex pairs."""
+    return isinstance(rule, PairRule) and rule.points == "vertices"
 
 
 def check_memory(need: float) -> None:

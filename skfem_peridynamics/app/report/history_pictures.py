@@ -61,6 +61,9 @@ def plot_crack(path: Path, history: History, speed: float | None, units: UnitsTa
     save(figure, path)
 
 
+_PANELS = 24  # of one picture; the history has all columns
+
+
 def groups(history: History) -> dict[str, list[str]]:
     """Return the columns of reactions, probes and J by what they are of, in the order of their names.
 
@@ -83,7 +86,7 @@ def groups(history: History) -> dict[str, list[str]]:
 
 def plot_measures(path: Path, history: History, toughness: float | None, units: UnitsTable, dim: int) -> None:
     """Draw reactions, probes and the J-integral over time, a panel each; J against the ``toughness``."""
-    panels = groups(history)
+    panels = dict(list(groups(history).items())[:_PANELS])
     figure = new_figure(_WIDTH, 2.8 * len(panels) + 0.2)
     every = figure.subplots(len(panels), 1, squeeze=False).ravel()
     t = history["t"]

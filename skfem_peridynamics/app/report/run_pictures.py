@@ -8,12 +8,14 @@ from ..files.results import Results, Snapshot
 from ..scene.reading import SceneError
 from ..scene.shown import named
 from .body_pictures import animate, plot_course, plot_damage
+from .figure import own_style
 from .headline import known
 from .history_pictures import groups, plot_crack, plot_energies, plot_measures
 
 _COURSE = 4  # times shown side by side
 
 
+@own_style()
 def draw(results: Results, out: Path | None = None, last: Snapshot | None = None, *, course: bool = False) -> list[str]:
     """Draw what there is to be drawn of a run into a folder (its own); return the names.
 
@@ -50,6 +52,7 @@ def _spread(count: int) -> list[int]:
     )
 
 
+@own_style()
 def draw_animation(results: Results) -> str:
     """Write ``animation.gif`` from the frames; return its name. Raises :class:`SceneError` where there are none."""
     if len(results.frames) < 2:

@@ -6,7 +6,7 @@ from math import ceil, inf, isfinite
 
 from ..._memory import free_memory
 from ...solve.cfl import exact_eigenvalue_bound
-from ..problem.cost import seconds_of_run
+from ..problem.cost import at_vertices, seconds_of_run
 from ..problem.measures import measures
 from ..problem.problem import Problem
 from ..problem.states import remarks, states
@@ -25,6 +25,7 @@ def check(scene: Scene) -> list[tuple[str, str]]:
     Small scenes are built to their step limit, so what is sound here runs. Raises :class:`SceneError`.
     """
     problem = Problem(scene)
+    _ = problem.mesh  # what is wrong with it is told once
     mistakes = Mistakes()
     for part in ("load", "fixed", "u0", "v0"):
         with mistakes.noted():
@@ -92,6 +93,7 @@ def _seconds(problem: Problem, nbonds: int, steps: float) -> str:
         frames=scene.output.frames,
         dim=int(problem.mesh.dim()),
         rows=scene.output.history,
+        pairs=at_vertices(problem.rule),
         pictures=scene.output.pictures is not False and figure.available(),
     )
     listed = ", ".join(f"{name} {value:.2g} s" for name, value in parts.items() if isfinite(value))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,10 @@ def check_checkpoint(checkpoint: Checkpoint, problem: Problem) -> None:
     limit, known = facts.get("limit"), {field.name for field in fields(StepLimit)}
     if (limit is None) == problem.explicit or not (limit is None or _numbers(limit, known)):
         raise ValueError("its step limit is none")
+    if limit is not None:
+        step = replace(problem, known_limit=StepLimit(**limit)).dt if limit["eigenvalue"] > 0.0 else 0.0
+        if not abs(step - checkpoint.state.dt) <= _ROOM * step:
+            raise ValueError("its step is not that of its limit")
     if not _numbers(facts.get("seconds")) or not _is_number(facts.get("peak")) or facts["peak"] < 0.0:
         raise ValueError("its seconds or its peak are none")
     effort = facts.get("effort") or {}

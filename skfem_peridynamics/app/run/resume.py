@@ -16,7 +16,7 @@ from ...solve.instability import Watch
 from ..files.checkpoint import NAME, OLDER, Checkpoint, DamagedCheckpoint, latest
 from ..files.frames import files_of_runs
 from ..files.identity import differences
-from ..files.results import SUMMARY_MOST
+from ..files.results import SUMMARY_MOST, read_summary
 from ..problem.problem import Problem
 from ..scene.reading import SceneError
 from ..scene.shown import named
@@ -25,6 +25,7 @@ from .record import HISTORY_BEGINS
 
 _log = logging.getLogger("skfem_peridynamics")
 CHECKPOINTS = (NAME, OLDER)
+TOLD = ("nodes", "bonds", "steps", "step", "softened_bonds", "largest_Z", "energy_drift", "peak_memory_mb")
 WORTH_KEEPING = 60.0  # seconds of a run that another does not throw away unasked
 
 
@@ -117,11 +118,13 @@ def _ignore(note: str) -> None:
 def _finished(out: Path) -> dict[str, Any] | None:
     """The summary of a run that is finished, or None."""
     try:
-        summary = json.loads(read_regular(out / "summary.json", SUMMARY_MOST))
+        summary = read_summary(out / "summary.json")
     except (OSError, ValueError, RecursionError):
         return None
-    whole = isinstance(summary, dict) and summary.get("status") == "finished" and isinstance(summary.get("run"), dict)
-    return summary if whole else None
+    # all that is told of a run at its end is there, or none of it is believed
+    whole = summary.get("status") == "finished" and isinstance(summary.get("run"), dict)
+    whole = whole and all(isinstance(summary.get(name), (int, float)) for name in TOLD)
+    return summary if whole and isinstance(summary.get("seconds"), dict) else None
 
 
 def restore(checkpoint: Checkpoint, problem: Problem, clock: Clock, watch: Watch) -> Problem:

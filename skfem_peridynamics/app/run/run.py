@@ -18,6 +18,7 @@ from ...solve.instability import UnstableRun, Watch
 from ...solve.newton import NotConverged
 from ..files import checkpoint
 from ..files.checkpoint import Checkpoint
+from ..files.frames import files_of_runs
 from ..files.history import write_summary
 from ..files.identity import identity
 from ..files.results import Results, Snapshot
@@ -31,6 +32,7 @@ from ..report.run_pictures import draw
 from ..scene.formula import FormulaError
 from ..scene.reading import Mistakes, SceneError, blame
 from ..scene.scene import Scene
+from ..scene.shown import named
 from .logged import logged_warnings
 from .progress import Progress, Silent
 from .record import Record
@@ -135,14 +137,18 @@ def run(
         if not existed:
             make_folder(out)
             stack.enter_context(hold(out))
+            if found := files_of_runs(out):
+                raise SceneError(
+                    f"output folder {named(out)} has come to hold {found[0]} meanwhile: another run wrote it"
+                )
+        if earlier is None:
+            checkpoint.remove(out)  # first: it is of no use without the frames that are cleared next
         facts = {
             "run": run_identity,
             "limit": dataclasses.asdict(problem.limit) if problem.explicit else None,
             "resumed": prepared.resumed,
         }
         record = Record(problem, prepared.measured, out, prepared.steps, clock, watch, progress, facts, earlier)
-        if earlier is None:
-            checkpoint.remove(out)
         summary = summary_before(problem, prepared.dt, prepared.steps, prepared.blocks)
         try:
             try:
@@ -159,9 +165,12 @@ def run(
                 progress.end()
                 summary |= summary_after(record, clock, prepared.resumed)
                 _write_summary(out, summary | {"notes": notes, "run": run_identity})
+                signals.patient = False
             # the run is whole; what comes now can be made from its files at any time
             signals.when = "after its last step: it is whole, and the command plot draws what is missing"
             checkpoint.remove(out)
+            if signals.asked:
+                raise signals.stop(signals.when)
             if pictures:
                 with clock.phase("output"):
                     draw(_results(record, summary, run_identity["scene"]), last=_snapshot(record))
@@ -205,6 +214,7 @@ def _prepare(problem: Problem, earlier: Checkpoint | None, clock: Clock, watch: 
     """Build what the run needs, from the start of the scene or from a checkpoint."""
     time = problem.scene.time
     with clock.phase("setup"):
+        _ = problem.mesh  # what is wrong with it is told once
         needed = ("load", "fixed", "u0", "v0") + (() if time.scheme == "static" else ("mass",))
         mistakes = Mistakes()
         for name in needed:
@@ -253,8 +263,6 @@ def _step(prepared: _Prepared, record: Record, signals: Signals, clock: Clock, p
         if error.state is not None:
             record.save(error.state)
         raise
-    finally:
-        signals.patient = False
 
 
 def _estimated(problem: Problem, clock: Clock) -> dict[str, Any]:
