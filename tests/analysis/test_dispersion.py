@@ -131,3 +131,14 @@ def test_discrete_waves_at_four_vertices_per_horizon(dim, rule, mass, bounds):
     error = worst(dim, rule, 4, mass)
     print(f"{dim}D, {rule.name}, {mass}: waves of 40, 6 and 3 horizons off by {', '.join(f'{e:.1e}' for e in error)}")
     assert (error < bounds).all()
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_a_wave_without_end_does_not_move(dim):
+    """At wave number 0 the symbols vanish, by the limits of their Bessel functions over their argument."""
+    from skfem_peridynamics.analysis.dispersion import _angular
+
+    for wave in ("P", "S")[: 1 if dim == 1 else 2]:
+        at, near = _angular(np.array([0.0, 1e-4]), dim, wave)
+        assert abs(at) < 1e-14  # 1.4e-15 was seen
+        assert abs(near) < 1e-7

@@ -188,3 +188,19 @@ def test_bonds_between_materials_have_the_shape_of_the_weaker():
         assert type(between).__name__ == "Rational"
         assert 1 / between.limit == pytest.approx(0.5 * (1 / laws[0].limit + 1 / laws[1].limit))
         assert type(composite.mixed(laws, [0])) is type(laws[0])
+
+
+@pytest.mark.parametrize("rule", [peri.PairRule(points="gauss"), peri.BallRule(2, 6)])
+def test_the_first_element_is_an_element(rule):
+    """An inclusion of one element: whichever number that has, the energy is the same."""
+    mesh = halves(6, "random")
+    one, energies = int(np.argmin(np.abs(mesh.p[:, mesh.t].mean(axis=1) - 0.4).sum(axis=0))), []
+    for order in (np.arange(mesh.nelements), np.roll(np.arange(mesh.nelements), -one)):
+        again = skfem.MeshTri(mesh.p, mesh.t[:, order], sort_t=False)
+        again = again.with_subdomains({"one": np.flatnonzero(order == one)})
+        bonds = peri.BondBasis(vector_basis(again), 0.3, rule=rule)
+        u = 1e-3 * np.sin(3 * again.p.T + np.array([0.0, 1.0])).ravel()
+        energies.append(peri.Peridynamics(bonds, peri.Composite(SOFT, {"one": STIFF})).energy(u))
+    plain = peri.Peridynamics(bonds, SOFT).energy(u)
+    assert energies[0] == pytest.approx(energies[1], rel=1e-12)
+    assert energies[0] > 1.001 * plain

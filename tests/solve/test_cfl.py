@@ -16,6 +16,7 @@ from skfem_peridynamics import (
     slit,
     stable_time_step,
 )
+from skfem_peridynamics.model.vertex_stiffness import vertex_stiffness
 
 
 def true_limit(body, M):
@@ -299,3 +300,14 @@ def test_the_limit_of_a_tangent_keeps_a_margin(monkeypatch):
     monkeypatch.setattr(tangent_limit, "largest_mode", lambda apply, mass, **options: (4.0, None, 0.5))
     step = tangent_limit.TangentLimit(body, mass_matrix(body.basis)).at(np.zeros(body.basis.N))
     assert step == pytest.approx(2.0 / np.sqrt(4.5 * 1.02), rel=1e-14)
+
+
+def test_the_stiffness_of_a_vertex_under_a_one_sided_rule():
+    """Twice the weights of the bonds that begin at it, summed by hand; their far ends do not count."""
+    body = body_on(box(2, 6, "random"), 0.35, Linear(1.0), rule=BallRule(2, 6, "vertices", symmetric=False))
+    A = np.zeros((body.bonds.mesh.nvertices, 2, 2))
+    for block in body.blocks:
+        vertices = block.part.sides()[0][:, 0]
+        p = block.directions()
+        np.add.at(A, vertices, 2.0 * block.rest_stiffness[:, None, None] * p[:, :, None] * p[:, None, :])
+    assert np.abs(vertex_stiffness(body) - A).max() < 1e-13 * np.abs(A).max()
