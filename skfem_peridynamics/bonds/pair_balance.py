@@ -45,7 +45,7 @@ def balance_pairs(bonds: BondList, exact: bool) -> Balance:
     rows = np.repeat(sampled[:, None], moments.columns, axis=1)
     rows[:, moments.three :] &= _four_known(targets)[order][:, None]
     new, count = weights, 0
-    for _ in range(_ROUNDS[bonds.dim]):
+    for _ in range(getattr(bonds.rule, "rounds", _ROUNDS[bonds.dim])):
         y, taken, _ = _solve(moments, new, (target - now) * rows, rows, np.where(near, _DAMP, 0.0), _ITERATIONS)
         count += taken
         new = [w * ratio_of(s) for w, s in zip(new, moments.gathered(y), strict=True)]

@@ -34,7 +34,7 @@ import os
 import sys
 import threading
 def watch():  # the other end is closed when the parent ends, however that happens
-    sys.stdin.buffer.read()
+    os.read(0, 1)
     os._exit(1)
 threading.Thread(target=watch, daemon=True).start()
 try:

@@ -162,7 +162,7 @@ BAD = {
         "safety = 0.5 does not go with scheme = 'newmark'",
     ),
     "gamma": (BAR.replace("step = 0.05", "step = 0.05, gamma = 0.4"), "time: gamma = 0.4 must be at least 1/2"),
-    "no steps": (PULLED.replace(", steps = 2", ""), 'time: scheme = "static" needs steps, 1 or more, not None'),
+    "no steps": (PULLED.replace(", steps = 2", ""), 'time: scheme = "static" needs steps, 1 or more'),
     "zero steps": (PULLED.replace("steps = 2", "steps = 0"), 'scheme = "static" needs steps, 1 or more, not 0'),
     "mass of statics": (PULLED.replace("steps = 2", 'steps = 2, mass = "lumped"'), "mass = 'lumped' does not go with"),
     "velocity of statics": (

@@ -149,7 +149,8 @@ class TimeTable:
         if self.scheme == "newmark" and self.step is None:
             raise ValueError('scheme = "newmark" needs a step: how finely the motion is to be resolved')
         if self.scheme == "static" and not self.steps:
-            raise ValueError('scheme = "static" needs steps, 1 or more')
+            given = "" if self.steps is None else f", not {self.steps}"
+            raise ValueError(f'scheme = "static" needs steps, 1 or more{given}')
 
     @property
     def part(self) -> float:
