@@ -12,6 +12,7 @@ from .analysis.j_integral import j_integral
 from .analysis.stress import strain, stress
 from .bonds.ball_rule import BallRule
 from .bonds.bond_basis import BondBasis
+from .bonds.corner_rule import CornerRule
 from .bonds.pair_rule import PairRule
 from .geometry.layers import boundary_function, collar, region
 from .geometry.slit import Crack, slit
@@ -47,6 +48,7 @@ __all__ = [
     "Breaking",
     "Census",
     "Composite",
+    "CornerRule",
     "Crack",
     "CrackPath",
     "Damage",

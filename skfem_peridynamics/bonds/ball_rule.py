@@ -14,12 +14,12 @@ from math import floor
 import numpy as np
 
 from .._types import Floats, Ints, Longs, Mesh
+from ..geometry.neighbours import curve_order
 from ..geometry.rays import Tracer
 from ..geometry.simplices import describe_point, vertex_sizes, vertex_volumes
 from ..material.influence import Influence
 from . import rule as bond_parts
 from .ball_bonds import BallBonds, BallStencil
-from .neighbours import curve_order
 from .quadrature import half_sphere, largest_half_sphere, radial_rule
 from .rule import Part
 from .samples import Samples, gauss_count, gauss_samples, vertex_samples

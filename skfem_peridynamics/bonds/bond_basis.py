@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,8 +14,11 @@ from .._types import Floats, Ints
 from .._vectors import real_vector
 from ..geometry.simplices import vertex_sizes
 from .bond_list import BondList
+from .corner_rule import CornerRule
 from .forms import Functions, Sides, field_class
+from .pair_rule import PairRule
 
+_log = logging.getLogger("skfem_peridynamics")
 _OF_SPACE = ("get_dofs", "complement_dofs", "zeros", "ones", "project", "doflocs", "probes", "elem", "nodal_dofs")
 _REFUSED = {
     "with_element": "their ends are read by P1 values; make a BondBasis over another basis of P1 elements",
@@ -94,6 +98,8 @@ class BondBasis(BondList):
         2D and 100 to 140 in 3D (`docs/benchmarks/balancing.py`), which leaves about a hundredth of the largest moment
         at four vertices per horizon. Other rules are fitted, for thousands of forces, and pass the patch test inside.
 
+        Corner pairs that cannot be balanced well enough give way to all vertex pairs, and the log says so.
+
         No weight changes by more than a factor of 50. Where that is not enough (vertex pairs with less than 2.5
         vertices per horizon on a random mesh) the rule's own weights stay, and the vertices are named all the same.
 
@@ -126,7 +132,17 @@ class BondBasis(BondList):
 
         if self.balance is not None:
             return self
-        copy = dataclasses.replace(self, balance=balance(self, exact))
+        found = balance(self, exact)
+        if isinstance(self.rule, CornerRule) and not self.rule.suffices(found):
+            _log.warning(
+                "rule = %s: balanced, its moments are off by up to %.1e of the largest, and a weight is %.2f times "
+                "what it was: not good enough, all vertex pairs take their place",
+                self.rule.name,
+                max(found.residual, found.residual_near),
+                found.smallest,
+            )
+            return self.with_(rule=PairRule()).balanced(exact)
+        copy = dataclasses.replace(self, balance=found)
         # bonds are the same: do not make them again
         weights = copy.balance.weights if copy.balance is not None else []
         copy.__dict__["samples"] = self.samples

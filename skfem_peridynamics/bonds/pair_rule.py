@@ -9,11 +9,11 @@ import numpy as np
 
 from .._types import Floats, Ints, Longs, Mesh
 from ..geometry.connected import connected
+from ..geometry.neighbours import RIM, estimate_pairs, pairs_within
 from ..geometry.simplices import describe_point, longest_edge, vertex_sizes
 from ..geometry.visibility import sight
 from ..material.influence import Influence
 from . import rule as bond_parts
-from .neighbours import RIM, estimate_pairs, pairs_within
 from .pair_bonds import PairBonds, rim_share
 from .rule import Part, rows_of
 from .samples import Samples, gauss_samples, vertex_samples

@@ -13,8 +13,8 @@ import numpy as np
 import scipy.sparse as sparse
 
 from .._types import Csr, Floats, Ints, Longs, Mesh
+from ..geometry.neighbours import local_order
 from ..geometry.simplices import edge_of_volume, element_volumes, vertex_sizes, vertex_volumes
-from .neighbours import local_order
 
 
 @dataclass(frozen=True, eq=False)

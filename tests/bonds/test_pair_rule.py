@@ -4,7 +4,7 @@ import skfem
 
 from bodies import body_on, box, grid, vector_basis
 from skfem_peridynamics import BondBasis, PairRule
-from skfem_peridynamics.bonds.neighbours import pairs_within, sweep_order
+from skfem_peridynamics.geometry.neighbours import pairs_within, sweep_order
 from skfem_peridynamics.geometry.simplices import check_simplices
 
 
@@ -22,7 +22,7 @@ def test_pairs_are_all_pairs(dim):
 def test_chunks_join_without_a_seam(monkeypatch):
     x = np.random.default_rng(0).uniform(0, 1, (2, 500))
     whole = [np.concatenate(part) for part in zip(*pairs_within(x, 0.1), strict=True)]
-    monkeypatch.setattr("skfem_peridynamics.bonds.neighbours._POINTS", 64)
+    monkeypatch.setattr("skfem_peridynamics.geometry.neighbours._POINTS", 64)
     parts = [np.concatenate(part) for part in zip(*pairs_within(x, 0.1), strict=True)]
     assert all(np.array_equal(a, b) for a, b in zip(whole, parts, strict=True))
 

@@ -10,9 +10,9 @@ from bodies import box, grid
 from skfem_peridynamics import Crack, slit
 from skfem_peridynamics._threads import Threads
 from skfem_peridynamics.bonds import neighbours
-from skfem_peridynamics.bonds.neighbours import curve_order, pairs_within
 from skfem_peridynamics.engine.schedule import Schedule
 from skfem_peridynamics.geometry import rays
+from skfem_peridynamics.geometry.neighbours import curve_order, pairs_within
 from skfem_peridynamics.geometry.rays import Tracer
 
 
@@ -73,7 +73,7 @@ def test_compiled_pairs_are_those_of_the_tree(dim, monkeypatch):
         found = []
         for many in (10**9, 0):
             monkeypatch.setattr(neighbours, "_MANY", many)
-            monkeypatch.setattr("skfem_peridynamics.bonds.neighbour_loops._ROWS", 37)
+            monkeypatch.setattr("skfem_peridynamics.geometry.neighbour_loops._ROWS", 37)
             found.append([np.concatenate(part) for part in zip(*pairs_within(x, reach), strict=True)])
         assert np.array_equal(found[0][0], found[1][0])
         assert np.array_equal(found[0][1], found[1][1])

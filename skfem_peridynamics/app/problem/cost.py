@@ -7,6 +7,7 @@ from ..._memory import free_memory
 from ..._types import Mesh
 from ...bonds.ball_bonds import BallBonds
 from ...bonds.ball_rule import BallRule
+from ...bonds.corner_rule import CornerRule
 from ...bonds.pair_bonds import PairBonds
 from ...bonds.pair_rule import PairRule
 from ...bonds.rule import Rule
@@ -95,7 +96,7 @@ def memory_of_run(
 
 def at_vertices(rule: Rule) -> bool:
     """Return whether the bonds of a rule are vertex pairs."""
-    return isinstance(rule, PairRule) and rule.points == "vertices"
+    return isinstance(rule, CornerRule) or (isinstance(rule, PairRule) and rule.points == "vertices")
 
 
 def check_memory(need: float) -> None:

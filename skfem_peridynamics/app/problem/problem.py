@@ -15,6 +15,7 @@ import numpy as np
 from ..._types import Basis, Csr, Floats, Load, Longs, Mesh
 from ...bonds.ball_rule import BallRule
 from ...bonds.bond_basis import BondBasis
+from ...bonds.corner_rule import CornerRule
 from ...bonds.rule import Rule
 from ...material.composite import Composite
 from ...material.influence import Influence, as_influence
@@ -108,7 +109,7 @@ class Problem:
             discretisation = self.choice.scheme
         else:
             with blame("bonds"):
-                discretisation = Discretisation(table.make_rule(), bool(table.balanced))
+                discretisation = Discretisation(table.make_rule(), bool(table.balanced) or table.rule == "corners")
         return dataclasses.replace(discretisation, mass=self.scene.time.mass)
 
     @cached_property
@@ -155,7 +156,9 @@ class Problem:
     def rule_name(self) -> str:
         """The name of the rule, with the counts that it has on the mesh."""
         rule = self.rule
-        return (rule.fitted(self.mesh, self.scene.bonds.horizon) if isinstance(rule, BallRule) else rule).name
+        if isinstance(rule, BallRule | CornerRule):  # its counts follow the mesh
+            rule = rule.fitted(self.mesh, self.scene.bonds.horizon)
+        return rule.name
 
     @property
     def mass_kind(self) -> str:

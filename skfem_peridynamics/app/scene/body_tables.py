@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...bonds.ball_rule import BallRule
+from ...bonds.corner_rule import CornerRule
 from ...bonds.pair_rule import PairRule
 from ...bonds.rule import Rule
 from ...material.tension_only import COMPRESSION
@@ -117,16 +118,16 @@ class InclusionTable:
 class BondsTable:
     """``[bonds]``: horizon, influence function, the paper's boundary function, and the rule of the double integral.
 
-    ``rule`` is ``"pairs"`` of vertices, ``"gauss_pairs"``, ``"ball"``, or ``"auto"``: chosen by measured tables for the
-    mesh, and for ``tolerance`` where the body does not break. ``partial_volume`` goes with pairs,
-    ``radial``, ``angular``, ``outer``, ``order`` and ``symmetric`` with the ball. Weights that are ``balanced``
-    pass the patch test on any mesh.
+    ``rule`` is ``"pairs"`` of vertices, ``"gauss_pairs"``, ``"ball"``, ``"corners"`` (2D, always balanced), or
+    ``"auto"``: chosen by measured tables for the mesh, and for ``tolerance`` where the body does not break.
+    ``partial_volume`` goes with pairs, ``radial`` and ``angular`` with balls and corners, ``outer``, ``order`` and
+    ``symmetric`` with the ball. Weights that are ``balanced`` pass the patch test on any mesh, or nearly so.
     """
 
     horizon: float = key(positive)
     influence: str = key(choice("constant", "conical", "gaussian"), "constant")
     boundary_function: str | None = key(choice("smooth"), None)
-    rule: str = key(choice("pairs", "gauss_pairs", "ball", "auto"), "pairs")
+    rule: str = key(choice("pairs", "gauss_pairs", "ball", "corners", "auto"), "pairs")
     partial_volume: bool | None = key(flag, None)
     radial: int | None = key(count, None)
     angular: int | None = key(count, None)
@@ -139,6 +140,10 @@ class BondsTable:
     def __post_init__(self) -> None:
         ball = ("radial", "angular", "outer", "symmetric", "order")
         theirs: tuple[str, ...] = ("partial_volume",) if self.rule == "ball" else ball
+        if self.rule == "corners":
+            theirs = ("partial_volume", "outer", "symmetric", "order")
+            if self.balanced is False:
+                raise ValueError("balanced = false does not go with rule = 'corners': unbalanced they are no good")
         if self.rule == "auto":
             theirs = ("partial_volume", *ball, "balanced")
         elif self.tolerance is not None:
@@ -155,6 +160,8 @@ class BondsTable:
         given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         if self.rule == "ball":
             return BallRule(**given)
+        if self.rule == "corners":
+            return CornerRule(self.radial, self.angular)
         if self.rule == "auto":
             raise ValueError("rule = 'auto' is chosen for a mesh; see app.auto.choose")
         return PairRule(points="gauss" if self.rule == "gauss_pairs" else "vertices", **given)
