@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..bonds.ball_rule import BallRule
+from ..bonds.corner_rule import CornerRule
 from ..bonds.pair_rule import PairRule
 from ..geometry.boxes import unit_box
 from ..model.discretisation import CLASSICAL, Discretisation
@@ -39,7 +40,7 @@ def fixed(scheme: Discretisation, largest: float = np.inf, claims: bool = False)
 def contestants(dim: int, quick: bool) -> list[Contestant]:
     """Return the schemes of a dimension. Those that grow with the mesh claim to converge; fixed balls do not."""
     balanced = Discretisation(PairRule(), balanced=True)
-    pairs = [fixed(CLASSICAL, claims=True), fixed(balanced, {1: np.inf, 2: 8.1, 3: 3.1}[dim], claims=True)]
+    pairs = [fixed(CLASSICAL, claims=True), fixed(balanced, {1: np.inf, 2: 16.1, 3: 4.1}[dim], claims=True)]
     gauss = fixed(Discretisation(PairRule(points="gauss")), 64.5 if dim == 1 else 6.1 if dim == 2 else 2.1, claims=True)
     if dim == 1:
 
@@ -66,6 +67,7 @@ def contestants(dim: int, quick: bool) -> list[Contestant]:
     if dim == 2:
         usual = [
             *pairs,
+            fixed(Discretisation(CornerRule(), balanced=True), 16.1),
             gauss,
             fixed(Discretisation(BallRule(3, 8)), 8.1),
             fixed(Discretisation(BallRule(3, 8), balanced=True), 8.1),
