@@ -37,15 +37,13 @@ def main() -> None:
     options = parser.parse_args()
     problem = Manufactured(2, HORIZON, law_of(2, HORIZON), None, table=12)
     print(
-        "mesh     eps/h  rule                        bonds a vertex  force, ms  of all  set-up, forces  L2       H1       limit"
+        "mesh     eps/h  rule                        bonds a vertex, force in ms, of all, set-up in forces, L2, H1, limit"
     )
     for kind in options.kinds:
         for n in options.counts:
             mesh = unit_box(2, n, kind)
-            setups = [
-                prepare(problem, mesh, Discretisation(rule, balanced=True))
-                for rule in (peri.PairRule(), peri.CornerRule())
-            ]
+            rules = peri.PairRule(), peri.CornerRule()
+            setups = [prepare(problem, mesh, Discretisation(rule, balanced=True)) for rule in rules]
             u = np.random.default_rng(0).standard_normal(setups[0].basis.N) * 1e-4
             for setup in setups:
                 setup.body.force(u)
