@@ -36,9 +36,7 @@ def main() -> None:
     parser.add_argument("--counts", nargs="+", type=int, default=[32, 64, 96])
     options = parser.parse_args()
     problem = Manufactured(2, HORIZON, law_of(2, HORIZON), None, table=12)
-    print(
-        "mesh     eps/h  rule                        bonds a vertex, force in ms, of all, set-up in forces, L2, H1, limit"
-    )
+    print("mesh, eps/h, rule, bonds a vertex, force in ms, of all, set-up in forces, L2, H1, limit")
     for kind in options.kinds:
         for n in options.counts:
             mesh = unit_box(2, n, kind)
