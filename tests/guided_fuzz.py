@@ -1,0 +1,109 @@
+"""Inputs that a coverage-guided fuzzer makes, for the readers of scenes, formulas, meshes and checkpoints.
+
+python tests/guided_fuzz.py scene|formula|gmsh|abaqus|vtu|checkpoint [--seconds 600]
+
+It needs atheris (the extra ``fuzz``). What a reader may do with bytes is read them or refuse them in words; anything
+else ends the run, and the input is kept under out/fuzz.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import atheris
+
+with atheris.instrument_imports(include=["skfem_peridynamics"]):
+    from skfem_peridynamics.app.files.checkpoint import DamagedCheckpoint, read_checkpoint
+    from skfem_peridynamics.app.scene.formula import Formula, FormulaError
+    from skfem_peridynamics.app.scene.reading import SceneError
+    from skfem_peridynamics.app.scene.scene import Scene
+    from skfem_peridynamics.meshes.read_mesh import read_mesh
+
+ROOM = Path(tempfile.mkdtemp())
+SEEDS = Path(__file__).parent / "data"
+
+
+def scene(content: bytes) -> None:
+    try:
+        Scene.parse(content.decode(errors="replace"))
+    except SceneError:
+        pass
+
+
+def formula(content: bytes) -> None:
+    import numpy as np
+
+    try:
+        Formula(content.decode(errors="replace"))(np.ones((2, 3)), 0.5)
+    except FormulaError:
+        pass
+
+
+def mesh(suffix: str) -> Callable[[bytes], None]:
+    path = ROOM / f"a{suffix}"
+
+    def read(content: bytes) -> None:
+        path.write_bytes(content)
+        try:
+            read_mesh(path)
+        except ValueError:
+            pass
+
+    return read
+
+
+def checkpoint(content: bytes) -> None:
+    """With its beginning and its checksum made right: nine of ten would go no farther."""
+    import hashlib
+
+    whole = b"skfem-peridynamics checkpoint 1\n" + content
+    (ROOM / "checkpoint.bin").write_bytes(whole + hashlib.sha256(whole).hexdigest().encode() + b"\n")
+    try:
+        read_checkpoint(ROOM / "checkpoint.bin")
+    except DamagedCheckpoint:
+        pass
+
+
+READERS = {
+    "scene": (scene, "*.toml"),
+    "formula": (formula, None),
+    "gmsh": (mesh(".msh"), "meshes/*.msh"),
+    "abaqus": (mesh(".inp"), "meshes/*.inp"),
+    "vtu": (mesh(".vtu"), "meshes/*.vtu"),
+    "checkpoint": (checkpoint, None),
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("reader", choices=READERS)
+    parser.add_argument("--seconds", type=int, default=600)
+    options = parser.parse_args()
+    read, seeds = READERS[options.reader]
+    logging.disable(logging.CRITICAL)
+    warnings.simplefilter("ignore")
+    corpus, kept = ROOM / "corpus", Path("out/fuzz")
+    corpus.mkdir()
+    kept.mkdir(parents=True, exist_ok=True)
+    for k, path in enumerate(sorted(SEEDS.glob(seeds)) if seeds else []):
+        (corpus / str(k)).write_bytes(path.read_bytes())
+    if options.reader == "formula":
+        (corpus / "0").write_text("2*x^-1 + min(sin(y), step(t - 1e-3)) >= pi/(e + 1)")
+    if options.reader == "checkpoint":
+        (corpus / "0").write_bytes(
+            b'{"kind": "state", "numbers": {"t": 1, "step": 2, "dt": 0.5, "work": 0, "initial": 0, "dissipated": 0}, '
+            b'"rows": [[0, 1]], "frames": [0.0], "facts": {}, "vectors": ["u", "v", "a"]}\n' + bytes(48)
+        )
+    limits = [f"-max_total_time={options.seconds}", "-rss_limit_mb=2000", "-timeout=10", "-print_final_stats=1"]
+    atheris.Setup([sys.argv[0], *limits, f"-artifact_prefix={kept}/{options.reader}-", str(corpus)], read)
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()
