@@ -430,3 +430,15 @@ def test_right_checksums_and_wrong_facts(name, tmp_path):
                     (tmp_path / known).write_bytes(bytes_before)
     assert refused > 300
     print(f"\n{name}: {refused} refused")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("eigenvalue", 0.0), ("eigenvalue", 1e-90), ("eigenvalue", 1e12), ("residual", 1e9)]
+)
+def test_a_limit_that_does_not_give_the_step(name, value, tmp_path):
+    stop(small(), tmp_path, 12)
+    kept = read_checkpoint(tmp_path / NAME)
+    limit = {**kept.facts["limit"], name: value}
+    write_checkpoint(tmp_path, replace(kept, facts=kept.facts | {"limit": limit}))
+    with pytest.raises(SceneError, match="its step is not that of its limit"):
+        run(small(), tmp_path, resume=True)

@@ -337,3 +337,26 @@ def test_the_time_left_is_that_of_the_steps(monkeypatch, capsys):
     assert left[200] == pytest.approx(800 * 0.02, abs=1.0)  # as it looks then
     assert left[900] == pytest.approx(100 * 0.08, abs=1.0)
     assert left[100] < 900 * 0.02 * 1.5
+
+
+def test_packed_arrays_have_the_sizes_that_they_say():
+    """Blocks, their length, that of the last, and packed lengths, as VTK reads them; meshio looks at no last length."""
+    import base64
+    import struct
+    import zlib
+
+    from skfem_peridynamics.app.files.vtu_writer import _BLOCK, _packed
+
+    for count in (1, 10, _BLOCK // 4, _BLOCK // 4 + 3, _BLOCK):
+        values = np.arange(count, dtype=np.float32)
+        text = _packed(values)
+        blocks = -(-4 * count // _BLOCK)
+        size = 4 * (3 + blocks)
+        length = 4 * -(-size // 3)
+        found, whole, last, *lengths = struct.unpack(f"<{3 + blocks}I", base64.b64decode(text[:length]))
+        content, parts = base64.b64decode(text[length:]), []
+        for at in np.cumsum([0, *lengths[:-1]]):
+            parts.append(zlib.decompressobj().decompress(content[at:]))
+        assert (found, whole) == (blocks, _BLOCK)
+        assert [len(part) for part in parts] == [_BLOCK] * (blocks - 1) + [last or _BLOCK]
+        assert b"".join(parts) == values.tobytes()

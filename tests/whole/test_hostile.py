@@ -425,27 +425,28 @@ def test_a_run_that_appears_while_another_sets_up(tmp_path, monkeypatch):
     faults.nothing_corrupt(out)
 
 
-@pytest.mark.parametrize("at", ["Record", "summary_after"])
+@pytest.mark.parametrize("at", ["clear", "summary_after"])
 def test_signals_between_two_files(at, tmp_path, monkeypatch, whole):
     """While a folder is cleared, and between the last step and the summary: gone on with, or whole."""
     import importlib
 
     module = importlib.import_module("skfem_peridynamics.app.run.run")
+    module = importlib.import_module("skfem_peridynamics.app.run.record") if at == "clear" else module
     faults.stop(small(), tmp_path, 12)
     real = getattr(module, at)
 
     def asked(*arguments):
-        if at == "Record":
-            signal.raise_signal(signal.SIGTERM)
         made = real(*arguments)
-        if at != "Record":
-            signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(signal.SIGTERM)
         return made
 
     monkeypatch.setattr(module, at, asked)
     with pytest.raises(Interrupted):
-        run(small(), tmp_path, resume=False)
+        run(small(checkpoints=("checkpoint_every = 5", "checkpoint_every = 0")), tmp_path, resume=False)
     monkeypatch.undo()
+    if at == "summary_after":
+        assert json.loads((tmp_path / "summary.json").read_text())["status"] == "finished"
+    assert not list(tmp_path.glob("checkpoint*"))
     assert run(small(), tmp_path, resume=True)["status"] == "finished"
     assert results(tmp_path) == whole
 
