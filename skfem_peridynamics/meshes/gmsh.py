@@ -20,6 +20,7 @@ from .mend import Raw
 
 VERSIONS = ("2.2", "4.1")
 _MOST_GROUPS = 100  # that an entity is in
+_MOST_MEMBERS = 10_000_000  # of all groups, where that is more than four an element
 _SECTION = re.compile(rb"\$(\w+)[ \t\r]*\n")
 _CURE = "with Mesh.SaveAll version 2.2 writes elements without their groups; save with Mesh.SaveAll = 0, or version 4.1"
 
@@ -199,12 +200,16 @@ def _read_nodes_4(content: bytes, at: int, binary: bool, order: str, file: File)
 def _read_elements_4(content: bytes, at: int, binary: bool, order: str, file: File) -> int:
     cursor = Cursor(content, at, binary, order)
     blocks, count, _, _ = cursor.sizes(4).tolist()
-    total = 0
+    total = members = 0
     for _ in range(blocks):
         dim, entity, kind = cursor.ints(3).tolist()
         size, columns = cursor.count(), _nodes_of(kind) + 1
         nodes = cursor.sizes(size * columns).reshape(size, columns)[:, 1:]
-        file.elements.append((kind, nodes, file.groups.get((dim, entity), np.zeros(0, dtype=np.int64))))
+        groups = file.groups.get((dim, entity), np.zeros(0, dtype=np.int64))
+        members += len(nodes) * len(groups)
+        if members > max(_MOST_MEMBERS, 4 * (total + size)):
+            raise ValueError(f"its groups have more than {_MOST_MEMBERS} members, counted as often as they are in one")
+        file.elements.append((kind, nodes, groups))
         total += size
     _check_count("elements", total, count)
     return cursor.finish("Elements")

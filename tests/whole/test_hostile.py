@@ -523,6 +523,15 @@ BOMBS = {
     "word.vtk": (b"# vtk DataFile Version 3.0\nx\nASCII\nDATASET " + b"Q" * 100_000 + b"\n", ""),
     "word.stl": (b"solid\n" + b"q" * 100_000 + b"\n", ""),
     "endless.off": (b"OFF\n", "has not come to an end"),
+    "groups.msh": (
+        b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Entities\n1 0 0 0\n1 0 0 0 100 "
+        + b" ".join(b"%d" % k for k in range(1, 101))
+        + b"\n$EndEntities\n$Nodes\n1 1 1 1\n0 1 0 1\n1\n0 0 0\n$EndNodes\n"
+        + b"$Elements\n1 150000 1 150000\n0 1 15 150000\n"
+        + b"".join(b"%d 1\n" % k for k in range(1, 150_001))
+        + b"$EndElements\n",
+        "more than 10000000 members",
+    ),
 }
 
 
