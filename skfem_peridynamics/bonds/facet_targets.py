@@ -95,6 +95,8 @@ def _add_compiled(
     """Add what facets take off, in threads: each has vertices of its own."""
     from .moment_loops import add_edges, add_triangles
 
+    if not len(pairs.vertex):  # all of them may have to look around corners
+        return
     x, corners = np.ascontiguousarray(mesh.p.T), np.ascontiguousarray(np.moveaxis(pairs.corners, (0, 1, 2), (2, 1, 0)))
     flat, least = mesh.dim() == 2, 4 if tables.shape[1] == 2 else 1
     cuts = np.searchsorted(pairs.vertex, pairs.vertex[np.linspace(0, len(pairs.vertex), _TASKS + 1)[1:-1].astype(int)])

@@ -88,6 +88,14 @@ def test_targets_beside_a_slit_see_no_farther_than_it():
     assert left_out > 0.5
 
 
+def test_a_body_all_of_which_looks_around_a_slit():
+    """No vertex is far enough from the slit to do without looking."""
+    mesh = slit(grid((1.0, 6), (1.0, 6)), Crack([[0.0, 0.5], [0.5, 0.5]]))
+    balance = BondBasis(vector_basis(mesh), 0.6).balanced().balance
+    print(f"{balance.residual_near:.1e}")
+    assert balance.residual_near < 0.1
+
+
 def test_loops_and_arrays_give_the_same(monkeypatch):
     for dim, n, eps in ((2, 8, 0.3), (3, 5, 0.5)):
         for influence in ("constant", "conical"):
