@@ -16,61 +16,60 @@ import tempfile
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-
-import atheris
-
-with atheris.instrument_imports(include=["skfem_peridynamics"]):
-    from skfem_peridynamics.app.files.checkpoint import DamagedCheckpoint, read_checkpoint
-    from skfem_peridynamics.app.scene.formula import Formula, FormulaError
-    from skfem_peridynamics.app.scene.reading import SceneError
-    from skfem_peridynamics.app.scene.scene import Scene
-    from skfem_peridynamics.meshes.read_mesh import read_mesh
+from typing import Any
 
 ROOM = Path(tempfile.mkdtemp())
 SEEDS = Path(__file__).parent / "data"
-
-
-def scene(content: bytes) -> None:
-    with contextlib.suppress(SceneError):
-        Scene.parse(content.decode(errors="replace"))
-
-
-def formula(content: bytes) -> None:
-    import numpy as np
-
-    with contextlib.suppress(FormulaError):
-        Formula(content.decode(errors="replace"))(np.ones((2, 3)), 0.5)
-
-
-def mesh(suffix: str) -> Callable[[bytes], None]:
-    path = ROOM / f"a{suffix}"
-
-    def read(content: bytes) -> None:
-        path.write_bytes(content)
-        with contextlib.suppress(ValueError):
-            read_mesh(path)
-
-    return read
-
-
-def checkpoint(content: bytes) -> None:
-    """With its beginning and its checksum made right: nine of ten would go no farther."""
-    import hashlib
-
-    whole = b"skfem-peridynamics checkpoint 1\n" + content
-    (ROOM / "checkpoint.bin").write_bytes(whole + hashlib.sha256(whole).hexdigest().encode() + b"\n")
-    with contextlib.suppress(DamagedCheckpoint):
-        read_checkpoint(ROOM / "checkpoint.bin")
-
-
 READERS = {
-    "scene": (scene, "*.toml"),
-    "formula": (formula, None),
-    "gmsh": (mesh(".msh"), "meshes/*.msh"),
-    "abaqus": (mesh(".inp"), "meshes/*.inp"),
-    "vtu": (mesh(".vtu"), "meshes/*.vtu"),
-    "checkpoint": (checkpoint, None),
+    "scene": "*.toml",
+    "formula": None,
+    "gmsh": "meshes/*.msh",
+    "abaqus": "meshes/*.inp",
+    "vtu": "meshes/*.vtu",
+    "checkpoint": None,
 }
+
+
+def readers(instrumented: Any) -> dict[str, Callable[[bytes], None]]:
+    """The readers by name, imported so that the fuzzer sees which lines they run."""
+    with instrumented(include=["skfem_peridynamics"]):
+        from skfem_peridynamics.app.files.checkpoint import DamagedCheckpoint, read_checkpoint
+        from skfem_peridynamics.app.scene.formula import Formula, FormulaError
+        from skfem_peridynamics.app.scene.reading import SceneError
+        from skfem_peridynamics.app.scene.scene import Scene
+        from skfem_peridynamics.meshes.read_mesh import read_mesh
+
+    def scene(content: bytes) -> None:
+        with contextlib.suppress(SceneError):
+            Scene.parse(content.decode(errors="replace"))
+
+    def formula(content: bytes) -> None:
+        import numpy as np
+
+        with contextlib.suppress(FormulaError):
+            Formula(content.decode(errors="replace"))(np.ones((2, 3)), 0.5)
+
+    def mesh(suffix: str) -> Callable[[bytes], None]:
+        path = ROOM / f"a{suffix}"
+
+        def read(content: bytes) -> None:
+            path.write_bytes(content)
+            with contextlib.suppress(ValueError):
+                read_mesh(path)
+
+        return read
+
+    def checkpoint(content: bytes) -> None:
+        """With its beginning and its checksum made right: nine of ten would go no farther."""
+        import hashlib
+
+        whole = b"skfem-peridynamics checkpoint 1\n" + content
+        (ROOM / "checkpoint.bin").write_bytes(whole + hashlib.sha256(whole).hexdigest().encode() + b"\n")
+        with contextlib.suppress(DamagedCheckpoint):
+            read_checkpoint(ROOM / "checkpoint.bin")
+
+    meshes = {name: mesh(suffix) for name, suffix in (("gmsh", ".msh"), ("abaqus", ".inp"), ("vtu", ".vtu"))}
+    return {"scene": scene, "formula": formula, "checkpoint": checkpoint, **meshes}
 
 
 def main() -> None:
@@ -78,7 +77,9 @@ def main() -> None:
     parser.add_argument("reader", choices=READERS)
     parser.add_argument("--seconds", type=int, default=600)
     options = parser.parse_args()
-    read, seeds = READERS[options.reader]
+    import atheris
+
+    read, seeds = readers(atheris.instrument_imports)[options.reader], READERS[options.reader]
     logging.disable(logging.CRITICAL)
     warnings.simplefilter("ignore")
     corpus, kept = ROOM / "corpus", Path("out/fuzz")

@@ -64,7 +64,8 @@ def errors(kind, counts, rule, step):
     return out
 
 
-@pytest.mark.parametrize("kind", ["random", pytest.param("structured", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["random", "structured"])
 def test_as_accurate_as_all_pairs_for_two_thirds_of_their_bonds(kind):
     """At eight vertices per horizon, in L2."""
     (corners,), (pairs,) = (errors(kind, [64], rule, 13.0) for rule in (CornerRule(), PairRule()))

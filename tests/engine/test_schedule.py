@@ -9,9 +9,8 @@ import pytest
 from bodies import box, grid
 from skfem_peridynamics import Crack, slit
 from skfem_peridynamics._threads import Threads
-from skfem_peridynamics.bonds import neighbours
 from skfem_peridynamics.engine.schedule import Schedule
-from skfem_peridynamics.geometry import rays
+from skfem_peridynamics.geometry import neighbours, rays
 from skfem_peridynamics.geometry.neighbours import curve_order, pairs_within
 from skfem_peridynamics.geometry.rays import Tracer
 

@@ -39,6 +39,11 @@ SHADOWS = (
 )
 
 
+def slow(*values):
+    """Parameters of the second tier."""
+    return [pytest.param(value, marks=pytest.mark.slow) for value in values]
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     out = tmp_path_factory.mktemp("whole") / "out"
@@ -94,7 +99,7 @@ def command(tmp_path, arguments, tail, **environment):
     )
 
 
-@pytest.mark.parametrize("tail", ["| head -1", ">&-", "2>&-", ">&- 2>&- <&-", "| true"])
+@pytest.mark.parametrize("tail", ["| head -1", *slow(">&-", "2>&-", ">&- 2>&- <&-", "| true")])
 def test_a_closed_stream_never_ends_a_run(tail, tmp_path, whole):
     (tmp_path / "scene.toml").write_text(SMALL)
     done = command(tmp_path, "run scene.toml --out out", tail)
@@ -105,6 +110,7 @@ def test_a_closed_stream_never_ends_a_run(tail, tmp_path, whole):
     assert not list((tmp_path / "out").glob("checkpoint*"))
 
 
+@pytest.mark.slow
 def test_a_table_that_cannot_be_written_is_no_success(tmp_path):
     (tmp_path / "scene.toml").write_text(SMALL)
     assert command(tmp_path, "cfl scene.toml", "| true").returncode == 0
@@ -117,7 +123,7 @@ def test_a_table_that_cannot_be_written_is_no_success(tmp_path):
         assert done.stderr.count(b"\n") == 1
 
 
-@pytest.mark.parametrize("letters", ["ascii", "latin-1", "utf-8"])
+@pytest.mark.parametrize("letters", ["ascii", *slow("latin-1", "utf-8")])
 def test_terminals_of_few_letters_and_names_that_are_no_text(letters, tmp_path, whole):
     scene = os.fsencode(tmp_path) + b"/sc\xff\xe9ne.toml"
     try:
@@ -211,7 +217,9 @@ def test_a_part_that_another_takes_the_place_of(tmp_path, monkeypatch):
         os.link(tmp_path / "a.part", tmp_path / "second")
 
 
-@pytest.mark.parametrize("name", ["checkpoint.bin", "summary.json", "history.csv", "frame_0000.vtu", "frames.pvd"])
+@pytest.mark.parametrize(
+    "name", ["summary.json", *slow("checkpoint.bin", "history.csv", "frame_0000.vtu", "frames.pvd")]
+)
 @pytest.mark.parametrize("kind", ["pipe", "zero"])
 def test_pipes_and_endless_devices_do_not_hang(name, kind, tmp_path):
     """Under every name that is read back; a link to /dev/zero would be read for ever."""
@@ -258,7 +266,7 @@ def test_inputs_that_are_no_files(place, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("at", ["pictures", "estimate"])
+@pytest.mark.parametrize("at", ["pictures", *slow("estimate")])
 def test_a_signal_after_the_last_step(number, at, tmp_path, monkeypatch, whole):
     """The run is whole, and its files say so; what was under way can be had later."""
     if threading.current_thread() is not threading.main_thread():
@@ -356,6 +364,7 @@ def test_arguments_are_not_repeated_whole(tmp_path, capsys):
         assert len(told) < 1200
 
 
+@pytest.mark.slow
 def test_mathematics_in_titles_and_units_is_text(tmp_path):
     content = SMALL.replace('title = "small"', 'title = "$^$ \\\\frac{"').replace("pictures = false", "pictures = true")
     scene = Scene.parse(content + '\n[units]\nlength = "$^$"\nforce = "$\\\\q$"\ntime = "$_$"\n')
@@ -374,7 +383,7 @@ def test_a_load_that_is_singular_in_time(tmp_path):
     faults.nothing_corrupt(tmp_path)
 
 
-@pytest.mark.parametrize("what", ["plot", "study", "stability"])
+@pytest.mark.parametrize("what", ["plot", *slow("study", "stability")])
 def test_other_commands_hold_their_folder_too(what, tmp_path, monkeypatch):
     """A link that takes its place while they work is not written through."""
     from skfem_peridynamics.app.report import run_pictures, study_page
@@ -475,6 +484,7 @@ def test_a_reader_dies_with_its_command(tmp_path):
     assert not readers()
 
 
+@pytest.mark.slow
 def test_a_file_of_settings_in_the_working_folder_is_not_obeyed(tmp_path, monkeypatch):
     (tmp_path / "matplotlibrc").write_text("text.usetex: True\nsavefig.dpi: 2000\n")
     (tmp_path / "scene.toml").write_text(SMALL.replace("pictures = false", "pictures = true"))
@@ -535,7 +545,7 @@ BOMBS = {
 }
 
 
-@pytest.mark.parametrize("name", BOMBS)
+@pytest.mark.parametrize("name", [*(name for name in BOMBS if name != "endless.off"), *slow("endless.off")])
 def test_mesh_files_that_stand_for_more_than_they_are(name, tmp_path, capsys):
     content, told = BOMBS[name]
     (tmp_path / name).write_bytes(content)
