@@ -94,8 +94,8 @@ class BondBasis(BondList):
         at every vertex. ``balance`` of the copy tells how it went, and names the vertices that could not be balanced.
         The step limit of a balanced body is another one: ask for it again.
 
-        Vertex pairs in two and three dimensions are balanced by a few iterations, for the price of some 40 forces in
-        2D and 100 to 140 in 3D (`docs/benchmarks/balancing.py`), which leaves about a hundredth of the largest moment
+        Vertex pairs in two and three dimensions are balanced by a few iterations, for the price of some 50 forces in
+        2D and 140 to 260 in 3D (`docs/benchmarks/balancing.py`), which leaves about a hundredth of the largest moment
         at four vertices per horizon. Other rules are fitted, for thousands of forces, and pass the patch test inside.
 
         Corner pairs that cannot be balanced well enough give way to all vertex pairs, and the log says so.
