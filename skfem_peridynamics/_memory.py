@@ -69,7 +69,7 @@ def _of_process() -> float:
         return _UNLIMITED
 
 
-def _resident() -> float:
+def resident_memory() -> float:
     """The bytes that this process holds in memory now."""
     return _pages(1)
 

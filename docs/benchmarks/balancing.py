@@ -12,7 +12,7 @@ import time
 import numpy as np
 
 import skfem_peridynamics as peri
-from skfem_peridynamics._memory import _resident
+from skfem_peridynamics._memory import resident_memory
 from skfem_peridynamics.bonds.facet_targets import facet_targets
 from skfem_peridynamics.geometry.boxes import unit_box
 from skfem_peridynamics.model.space import vector_basis
@@ -22,7 +22,7 @@ class Highest:
     """The largest resident memory while it lasts, above that at its begin."""
 
     def __enter__(self) -> Highest:
-        self.begin = self.most = _resident()
+        self.begin = self.most = resident_memory()
         self.ended = threading.Event()
         self.thread = threading.Thread(target=self._watch)
         self.thread.start()
@@ -30,7 +30,7 @@ class Highest:
 
     def _watch(self) -> None:
         while not self.ended.wait(0.005):
-            self.most = max(self.most, _resident())
+            self.most = max(self.most, resident_memory())
 
     def __exit__(self, *error: object) -> None:
         self.ended.set()

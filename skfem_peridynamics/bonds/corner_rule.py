@@ -15,6 +15,7 @@ import numpy as np
 
 from .._scaling import whole_power
 from .._types import Floats, Longs, Mesh
+from ..geometry.neighbours import estimate_pairs
 from ..geometry.rays import Tracer
 from ..geometry.simplices import vertex_sizes
 from ..geometry.visibility import sight
@@ -157,7 +158,9 @@ class CornerRule:
         rule = self.fitted(mesh, horizon)
         assert rule.radial is not None
         assert rule.angular is not None
-        return int(_PER_POINT * mesh.nvertices * rule.radial * rule.angular)
+        # merged they are no more than all pairs of vertices that near
+        pairs = estimate_pairs(np.ascontiguousarray(mesh.p), horizon + 0.5 * float(vertex_sizes(mesh).max()))
+        return min(pairs, int(_PER_POINT * mesh.nvertices * rule.radial * rule.angular))
 
     def parts(self, mesh: Mesh, samples: Samples, horizon: float, influence: Influence) -> list[Part]:
         """Return the bonds, ends sorted, with their weights.

@@ -117,6 +117,7 @@ def gather_3(start: Any, far: Any, x: Any, row: int, scale: float, y: Any, four:
 def _add_four(
     z: Any, ua: float, ub: float, uc: float, aa: float, ab: float, ac: float, bb: float, bc: float, cc: float
 ) -> None:
+    """Add the fifteen products of order four; ``ua`` is a weight times ``aa``, and so on."""
     z[10] += ua * aa
     z[11] += ua * ab
     z[12] += ua * ac
@@ -329,18 +330,4 @@ def add_triangles(
                     out[i, 9] += w * e2 * e22
                     if four:
                         w = omega * (table[1, low] + part * (table[1, low + 1] - table[1, low]) - whole[1])
-                        out[i, 10] += w * e00 * e00
-                        out[i, 11] += w * e00 * e01
-                        out[i, 12] += w * e00 * e02
-                        out[i, 13] += w * e00 * e11
-                        out[i, 14] += w * e00 * e12
-                        out[i, 15] += w * e00 * e22
-                        out[i, 16] += w * e01 * e11
-                        out[i, 17] += w * e01 * e12
-                        out[i, 18] += w * e01 * e22
-                        out[i, 19] += w * e02 * e22
-                        out[i, 20] += w * e11 * e11
-                        out[i, 21] += w * e11 * e12
-                        out[i, 22] += w * e11 * e22
-                        out[i, 23] += w * e12 * e22
-                        out[i, 24] += w * e22 * e22
+                        _add_four(out[i], w * e00, w * e11, w * e22, e00, e01, e02, e11, e12, e22)

@@ -46,7 +46,7 @@ def balance_pairs(bonds: BondList, exact: bool) -> Balance:
     rows[:, moments.three :] &= _four_known(targets)[order][:, None]
     new, count = weights, 0
     for _ in range(getattr(bonds.rule, "rounds", _ROUNDS[bonds.dim])):
-        y, taken, _ = _solve(moments, new, (target - now) * rows, rows, np.where(near, _DAMP, 0.0), _ITERATIONS)
+        y, taken = _solve(moments, new, (target - now) * rows, rows, np.where(near, _DAMP, 0.0), _ITERATIONS)
         count += taken
         new = [w * ratio_of(s) for w, s in zip(new, moments.gathered(y), strict=True)]
         now = moments.moments(new)
@@ -80,8 +80,8 @@ def _four_known(targets: Targets) -> Bools:
 
 def _solve(
     moments: PairMoments, w: list[Floats], right: Floats, rows: Bools, damp: Floats, most: int, close: float = 0.0
-) -> tuple[Floats, int, float]:
-    """Solve ``(C W C^T + damp) y = right`` by conjugate gradients; return y, the iterations and what is left."""
+) -> tuple[Floats, int]:
+    """Solve ``(C W C^T + damp) y = right`` by conjugate gradients; return y and the iterations."""
     weight = moments.degree(w)
     scale = np.divide(1.0, weight, out=np.zeros_like(weight), where=weight > 0.0)[:, None]
     damping = (damp * weight)[:, None]
@@ -102,7 +102,7 @@ def _solve(
         before, size = size, _dot(r, z)
         p = z + (size / before) * p
         taken += 1
-    return y, taken, float(np.sqrt(size / first)) if first > 0.0 else 0.0
+    return y, taken
 
 
 def _dot(a: Floats, b: Floats) -> float:
@@ -122,7 +122,7 @@ def _exactly(
         if worst <= _EXACT:
             break
         close = max(_LOOSE, 0.1 * _EXACT / worst)
-        y, taken, _ = _solve(alone, w, missed, rows, np.zeros(len(rows)), _MOST, close)
+        y, taken = _solve(alone, w, missed, rows, np.zeros(len(rows)), _MOST, close)
         count += taken
         step, length = alone.gathered(y), 1.0
         while length > 0.01:  # halve the step until it gains

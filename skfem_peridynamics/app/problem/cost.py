@@ -22,7 +22,7 @@ _COMPILER = 90_000_000  # bytes of numba
 _PICTURES, _IN_PICTURE = 30_000_000, 900  # bytes of matplotlib, and a vertex that is drawn
 _MAKING = (130e6, 200.0)  # bytes while bonds are made: at most, and a bond
 _BALL_LISTED = 200  # bytes of a bond of the ball rule, as sparse products hold it
-# bytes a bond while weights are balanced: of vertex pairs by compiled loops (docs/benchmarks/balancing.py: 30, and 110
+# bytes a bond while weights are balanced: of vertex pairs by compiled loops (docs/benchmarks/balancing.py: 39, and 92
 # in a cube of 50^3), of others and by arrays
 _BALANCING_PAIRS, _BALANCING = {1: 180, 2: 40, 3: 120}, {1: 180, 2: 400, 3: 800}
 _LOADING = 1.0  # seconds that it takes to load compiled loops, with what numba itself loads
