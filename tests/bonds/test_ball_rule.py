@@ -5,7 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from exact_matrix import matrix_on_square
 from scipy.integrate import quad
+from skfem import MeshTri
 
 from bodies import at_vertices, body_on, box, grid, vector_basis
 from fields import EPS, EXACT, field, opened
@@ -492,6 +494,23 @@ def test_the_outer_order_can_be_raised():
     for order, most in {2: 1.2e-2, 4: 2e-3, 6: 3e-4, 8: 1e-4, 12: 2e-5}.items():
         assert errors[order] < most
     assert off(600, 2) > 0.9 * errors[2]
+
+
+@pytest.mark.long
+def test_the_outer_order_in_the_plane():
+    """Against brute force at two vertices per horizon; the reference is within 1.7e-4 of one with half its points."""
+    mesh = MeshTri.init_tensor(*[np.linspace(0, 1, 5)] * 2)
+    exact = matrix_on_square(mesh, 4, 0.5, 4, 192, 48)
+
+    def off(radial, angular, order):
+        rule = BallRule(radial, angular, order=order)
+        K = body_on(mesh, 0.5, Linear(1.0), rule=rule).stiffness().toarray()
+        return np.linalg.norm(K - exact) / np.linalg.norm(exact)
+
+    errors = {order: off(48, 128, order) for order in (2, 4, 6)}
+    print({order: f"{error:.1e}" for order, error in errors.items()})
+    for order, most in {2: 7e-3, 4: 3.6e-4, 6: 1.2e-4}.items():  # 6.4e-3, 3.3e-4, 1.0e-4 measured
+        assert errors[order] < most
 
 
 def test_orders_that_are_none():
