@@ -17,6 +17,17 @@ def free_memory() -> float:
     return max(0.0, min(_of_machine(), _of_group(), _of_process()))
 
 
+def check_room(needed: float, what: str, instead: str) -> None:
+    """Raise ``ValueError`` where so many bytes are not free, before they are taken.
+
+    >>> check_room(1e18, "a matrix", "take a smaller one")
+    Traceback (most recent call last):
+    ValueError: a matrix takes some 1e+09 GB, more than is free: take a smaller one
+    """
+    if needed > free_memory():
+        raise ValueError(f"{what} takes some {needed / 1e9:.3g} GB, more than is free: {instead}")
+
+
 def peak_memory_mb() -> float:
     """Return the largest memory this process has held, in MB (nan where the system does not tell)."""
     try:

@@ -18,7 +18,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 import scipy.sparse as sparse
@@ -31,6 +31,15 @@ from ..bonds.rule import Part
 from ..material.potential import Potential
 
 _T = TypeVar("_T")
+
+Pressure: TypeAlias = Callable[[Floats], Floats]  # of the virial, (nvertices,) both
+
+
+class Beside(NamedTuple):
+    """What stands beside the bonds in a tangent, ``R^T diag(stiffness) R``; R is by ``rates`` (None: at rest)."""
+
+    rates: Sequence[Floats] | None
+    stiffness: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +120,22 @@ class Block:
         xi /= np.where(root > 0.0, root, 1.0)[:, None]
         return xi
 
+    def roots(self) -> Floats:
+        """``sqrt(r)`` of each bond, (nbonds,)."""
+        xi = self.part.vectors() if self.which is None else self.part.vectors()[self.which]
+        squared: Floats = np.einsum("nd,nd->n", xi, xi)
+        return np.sqrt(np.sqrt(squared, out=squared), out=squared)
+
+    def both_ends(self) -> tuple[Csr, Floats]:
+        """The matrix of ``p(x) + p(y)`` on the window and ``sqrt(r)``: what the energy beside the bonds needs."""
+        if not self.keep:
+            return self.incidence(1.0), self.roots()
+        kept: tuple[Csr, Floats] | None = self.__dict__.get("_both")
+        if kept is None:
+            kept = self.incidence(1.0), self.roots()
+            self.__dict__["_both"] = kept
+        return kept
+
     def _make(self) -> tuple[Csr, sparse.csc_matrix]:
         """B, and the matrix that spreads bond forces: its transpose, or that of twice its columns of x."""
         C, p = self.incidence(), self.directions()
@@ -146,6 +171,63 @@ class Block:
         g *= self.k
         F: Floats = XT @ g
         return F.reshape(self.part.width, -1)
+
+    def virial(self, u: Floats) -> Floats:
+        """``sum k sqrt(r) F1'(T) / 2`` over the bonds that end in each sample of the window, (width,)."""
+        C, root = self.both_ends()
+        pull = self.law.gradient(self.strains(u))
+        pull *= self.k * root
+        out: Floats = C.T @ pull
+        out *= 0.5
+        return out
+
+    def pressed_force(self, u: Floats, p: Floats) -> Floats:
+        """Minus the force on the samples of the window with the pressure of the dilatation, (width, dim)."""
+        B, XT = self.matrices()
+        T = B @ u[self.window].ravel()
+        g = self.tension(T, p)
+        F: Floats = XT @ g
+        return F.reshape(self.part.width, -1)
+
+    def tension(self, T: Floats, p: Floats | None = None) -> Floats:
+        """``k (F1' + sqrt(r) F1'' (p_x + p_y) / 2)``: what each bond pulls with, by T; p is that of all samples."""
+        g = self.law.gradient(T)
+        if p is not None:
+            g += self.rates(T, measured=False) * self.pressures(p)
+        g *= self.k
+        return g
+
+    def pressed_hessian(self, T: Floats, p: Floats) -> Floats:
+        """The derivative of :meth:`tension` by T, the pressure held."""
+        h = self.law.third(T)
+        h *= 0.5 * self.both_ends()[1]
+        h *= self.pressures(p)
+        h += self.law.hessian(T)
+        h *= self.k
+        return h
+
+    def pressures(self, p: Floats) -> Floats:
+        """``p_x + p_y`` of each bond."""
+        pressed: Floats = self.both_ends()[0] @ p[self.window]
+        return pressed
+
+    def rates(self, T: Floats | None, measured: bool = True) -> Floats:
+        """``k sqrt(r) F1''(T) / 2``: what a bond adds to the virial of its ends by its T; at rest without one."""
+        rate = 0.5 * self.both_ends()[1]
+        rate *= 2.0 * self.law.slope if T is None else self.law.hessian(T)
+        if measured:
+            rate *= self.k
+        return rate
+
+    def dilate(self, rate: Floats, v: Floats) -> Floats:
+        """``sum rate T`` over the bonds that end in each sample of the window, (width,)."""
+        out: Floats = self.both_ends()[0].T @ (rate * self.strains(v))
+        return out
+
+    def squeeze(self, rate: Floats, q: Floats) -> Floats:
+        """The transpose of :meth:`dilate`, (width, dim)."""
+        out: Floats = self.matrices()[1] @ (rate * self.pressures(q))
+        return out.reshape(self.part.width, -1)
 
     def product(self, weight: Floats, v: Floats, transposed: bool = False) -> Floats:
         """``X^T diag(weight) B v`` on the window, or its transpose."""

@@ -17,7 +17,7 @@ import numpy as np
 from .._types import Floats, Longs
 from ..bonds.ball_bonds import BallBonds
 from .ball_tasks import BallLoops
-from .block import Block
+from .block import Beside, Block, Pressure
 from .compiled_law import linear
 from .pair_tasks import PairLoops
 from .schedule import Schedule
@@ -57,46 +57,94 @@ class CompiledEngine:
         with self._arrays(u) as arrays:
             return float(sum(self.pool.map(lambda task: task.energy(arrays), self.schedule.tasks)))
 
-    def force(self, u: Floats) -> Floats:
+    def force(self, u: Floats, pressure: Pressure | None = None) -> Floats:
+        if pressure is not None and not self._dilates:
+            return self.sparse.force(u, pressure)
         with self._arrays(u) as arrays:
-            self.schedule.run(lambda task: task.add_force(arrays, task.law), self.pool)
+            if pressure is None:
+                self.schedule.run(lambda task: task.add_force(arrays, task.law), self.pool)
+            else:
+                self.schedule.run(lambda task: task.add_virial(arrays, task.law), self.pool)
+                self.loops.press(arrays, pressure(self.loops.take_virial(arrays)))
+                self.schedule.run(lambda task: task.add_pressed_force(arrays, task.law), self.pool)
             out: Floats = self.loops.collect(arrays, self.pool)
         return out
 
-    def break_and_force(self, u: Floats, at: float) -> tuple[Floats, list[tuple[Block, Longs]]]:
-        """Break the bonds beyond ``at`` times their critical strain; return the others' force, and which broke."""
+    def virial(self, u: Floats) -> Floats:
+        if not self._dilates:
+            return self.sparse.virial(u)
+        with self._arrays(u) as arrays:
+            self.schedule.run(lambda task: task.add_virial(arrays, task.law), self.pool)
+            out: Floats = self.loops.take_virial(arrays)
+        return out
+
+    @cached_property
+    def _dilates(self) -> bool:
+        """Whether there are loops for a dilatation: for pairs, and laws that need no Python."""
+        return isinstance(self.loops, PairLoops) and all(task.law is not None for (task,) in self.loops.groups)
+
+    def break_and_force(
+        self, u: Floats, at: float, pressure: Pressure | None = None
+    ) -> tuple[Floats, list[tuple[Block, Longs]], Floats | None]:
+        """Break the bonds beyond ``at`` times their critical strain; return the others' force, which broke, virial."""
+        if pressure is not None and not self._dilates:
+            return self.sparse.break_and_force(u, at, pressure)
         hit: list[Any] = []
+        virial: Floats | None = None
         with self._arrays(u) as arrays:
 
             def take(task: Any) -> None:
-                if task.break_and_add_force(arrays, at):
+                count = (
+                    task.break_and_add_force(arrays, at) if pressure is None else task.break_and_add_virial(arrays, at)
+                )
+                if count:
                     hit.append(task)
 
             self.schedule.run(take, self.pool)
             number = {id(block): k for k, block in enumerate(self.sparse.blocks)}
             # tasks end in any order: the list of broken bonds, and so a checkpoint, must not depend on it
             hit.sort(key=lambda task: (number[id(task.block)], task.bonds.start))
+            broken = []
+            for task in hit:
+                which = task.bonds.start + np.flatnonzero(task.block.k[task.bonds] < 0.0)
+                task.block.k[which] = 0.0
+                broken.append((task.block, which))
+            if pressure is not None:
+                virial = self.loops.take_virial(arrays)
+                self.loops.press(arrays, pressure(virial))
+                self.schedule.run(lambda task: task.add_pressed_force(arrays, task.law), self.pool)
             out: Floats = self.loops.collect(arrays, self.pool)
-        broken = []
-        for task in hit:
-            which = task.bonds.start + np.flatnonzero(task.block.k[task.bonds] < 0.0)
-            task.block.k[which] = 0.0
-            broken.append((task.block, which))
-        return out, broken
+        return out, broken, virial
 
-    def product(self, weights: Sequence[Floats] | None, v: Floats, transposed: bool = False) -> Floats:
-        if transposed and not self.sparse.bonds.rule.symmetric:
-            return self.sparse.product(weights, v, transposed)
+    def product(
+        self, weights: Sequence[Floats] | None, v: Floats, transposed: bool = False, beside: Beside | None = None
+    ) -> Floats:
+        if (transposed and not self.sparse.bonds.rule.symmetric) or (beside is not None and not self._dilates):
+            return self.sparse.product(weights, v, transposed, beside)
+        of = {} if weights is None else {id(b): w for b, w in zip(self.sparse.blocks, weights, strict=True)}
         with self._arrays(v) as arrays:
-            if weights is None:
+            if beside is not None:
+                self._beside(arrays, beside)
+            if weights is not None:
+                self.schedule.run(lambda task: task.take_product(arrays, of[id(task.block)]), self.pool)
+            elif beside is None:
                 # the linear law at rest needs no weights: they are made in the loop
                 self.schedule.run(lambda task: task.add_force(arrays, linear(task.block)), self.pool)
-            else:
-                of = {id(block): weight for block, weight in zip(self.sparse.blocks, weights, strict=True)}
-                self.schedule.run(lambda task: task.take_product(arrays, of[id(task.block)]), self.pool)
             out: Floats = self.loops.collect(arrays, self.pool)
         # the loops take off: a product is minus what they have summed
         return np.negative(out, out=out)
+
+    def _beside(self, arrays: Any, beside: Beside) -> None:
+        """Add the force of the dilatation, linear in what the arrays hold; at rest that of the bonds, too."""
+        if beside.rates is None:
+            self.schedule.run(lambda task: task.add_virial(arrays, linear(task.block)), self.pool)
+            self.loops.press(arrays, beside.stiffness * self.loops.take_virial(arrays))
+            self.schedule.run(lambda task: task.add_pressed_force(arrays, linear(task.block)), self.pool)
+            return
+        of = {id(block): rates for block, rates in zip(self.sparse.blocks, beside.rates, strict=True)}
+        self.schedule.run(lambda task: task.dilate(arrays, of[id(task.block)]), self.pool)
+        self.loops.press(arrays, beside.stiffness * self.loops.take_virial(arrays))
+        self.schedule.run(lambda task: task.squeeze(arrays, of[id(task.block)]), self.pool)
 
     def each(self, u: Floats, function: Callable[[Block, Floats], _T]) -> Iterator[_T]:
         with self._arrays(u) as arrays:

@@ -21,18 +21,24 @@ _KINDS: dict[type, int] = {Exponential: EXPONENTIAL, Rational: RATIONAL, Linear:
 
 @dataclass(frozen=True)
 class Law:
-    """Number, ``f'(0)`` and b of a law, and ``f`` and ``f'`` of one of the user's own."""
+    """Number, ``f'(0)`` and b of a law, and ``f``, ``f'`` and ``f''`` of one of the user's own."""
 
     kind: int
     slope: float
     b: float
     f: Any = None
     df: Any = None
+    d2f: Any = None
 
     @property
     def gradient(self) -> tuple[int, float, float, Any]:
         """The arguments of loops that need f'."""
         return self.kind, self.slope, self.b, self.df
+
+    @property
+    def hessian(self) -> tuple[int, float, float, Any, Any]:
+        """The arguments of loops that need f' and f''."""
+        return self.kind, self.slope, self.b, self.df, self.d2f
 
     @property
     def energy(self) -> tuple[int, float, float, Any]:

@@ -17,7 +17,7 @@ from ..bonds.bond_basis import BondBasis
 from ..bonds.pair_bonds import PairBonds
 from ..bonds.rule import rows_of
 from ..material.tension_only import TensionOnly
-from . import pair_loops
+from . import pair_loops, virial_loops
 from .block import Block
 from .compiled_law import Law, law_of, secant
 from .schedule import Schedule, task_size
@@ -27,10 +27,21 @@ _SAMPLES = 1 << 15  # filled or emptied at a time
 
 @dataclass(frozen=True, eq=False)
 class PairArrays:
-    """Working arrays of one call: the table of samples, and their sums, a row for each component."""
+    """Working arrays of one call: the table of samples, and their sums, a row for each component.
+
+    The virial V and the pressure p of the samples are made where a dilatation needs them.
+    """
 
     P: Floats
     F: Floats
+
+    @cached_property
+    def V(self) -> Floats:
+        return np.zeros(len(self.P))
+
+    @cached_property
+    def p(self) -> Floats:
+        return np.zeros(len(self.P))
 
     def view(self, window: slice) -> tuple[Floats, Floats, Floats]:
         """Three rows of sums; the last ones are not used where the dimension has fewer."""
@@ -117,6 +128,39 @@ class PairTask:
         loop = self.law.loop(pair_loops.force)
         return int(loop(*self._bonds(arrays), *measure, *self.law.gradient, sums, limit, both))
 
+    def _measured(self, arrays: PairArrays) -> tuple[Any, ...]:
+        return *self._bonds(arrays), self.given, self.reach, self.scale
+
+    def add_virial(self, arrays: PairArrays, law: Law) -> None:
+        """Add what the bonds pull with to the virial of their ends, under a law."""
+        window = self.block.window
+        law.loop(virial_loops.virial)(*self._measured(arrays), *law.gradient, arrays.V[window])
+
+    def break_and_add_virial(self, arrays: PairArrays, at: float) -> int:
+        """Break the bonds beyond ``at`` times their critical strain; add the virial of the others; return how many."""
+        assert self.law is not None
+        if not np.isfinite(self.block.law.inflection):
+            self.add_virial(arrays, self.law)
+            return 0
+        limit, both = (at * self.block.law.inflection) ** 2, not isinstance(self.block.law, TensionOnly)
+        loop, V = self.law.loop(virial_loops.virial), arrays.V[self.block.window]
+        return int(loop(*self._measured(arrays), *self.law.gradient, V, limit, both))
+
+    def add_pressed_force(self, arrays: PairArrays, law: Law) -> None:
+        """Add the forces of the bonds under the pressure of the dilatation, and a law."""
+        window = self.block.window
+        p, sums = arrays.p[window], arrays.view(window)
+        law.loop(virial_loops.force)(*self._measured(arrays), *law.hessian, p, sums)
+
+    def dilate(self, arrays: PairArrays, rates: Floats) -> None:
+        """Add the rates of the virial by a displacement."""
+        virial_loops.dilate(*self._bonds(arrays), rates[self.bonds], arrays.V[self.block.window])
+
+    def squeeze(self, arrays: PairArrays, rates: Floats) -> None:
+        """Take the transpose of it, of a pressure, off the sums."""
+        window = self.block.window
+        virial_loops.squeeze(*self._bonds(arrays), rates[self.bonds], arrays.p[window], arrays.view(window))
+
     def take_product(self, arrays: PairArrays, weight: Floats) -> None:
         """Take ``B^T diag(weight) B u`` off the sums; weights are those of the block's bonds."""
         pair_loops.product(*self._bonds(arrays), weight[self.bonds], arrays.view(self.block.window))
@@ -174,6 +218,16 @@ class PairLoops:
         else:
             arrays.P[:, dim + 1 : 2 * dim + 1] = samples.take(u.reshape(-1, dim))
             arrays.F.fill(0.0)
+
+    def take_virial(self, arrays: PairArrays) -> Floats:
+        """Return the virial that the tasks have added, at the vertices, and empty it."""
+        out = self.bonds.samples.spread(arrays.V)
+        arrays.V.fill(0.0)
+        return out
+
+    def press(self, arrays: PairArrays, pressure: Floats) -> None:
+        """Put a pressure of the vertices in."""
+        arrays.p[:] = self.bonds.samples.take(pressure)
 
     def collect(self, arrays: PairArrays, pool: Threads) -> Floats:
         """Return what the tasks have added, as nodal values."""

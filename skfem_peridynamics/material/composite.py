@@ -12,6 +12,7 @@ import numpy as np
 from .._types import Floats, Longs, Mesh
 from .material import Material
 from .potential import Potential
+from .volumetric import Volumetric
 
 MOST = 62  # materials: one bit of an integer each
 
@@ -127,6 +128,27 @@ class Composite:
             The matrix first, then the inclusions in their order.
         """
         return tuple(material.law(dim, moment, crack_moment) for material in self.materials)
+
+    def volumetric_energies(self, laws: Sequence[Potential], dim: int, moment: float) -> list[Volumetric | None]:
+        """Return the energy beside the bonds of each material, see :meth:`Material.volumetric_energy`.
+
+        Parameters
+        ----------
+        laws : sequence of Potential
+            Those of all materials.
+        dim : int
+            Dimension of the body, 1, 2 or 3.
+        moment : float
+            ``M_d`` of the influence function, for strains.
+
+        Returns
+        -------
+        list of Volumetric or None
+            The matrix first, then the inclusions in their order.
+        """
+        return [
+            material.volumetric_energy(law, dim, moment) for material, law in zip(self.materials, laws, strict=True)
+        ]
 
     def mixed(self, laws: Sequence[Potential], members: Sequence[int]) -> Potential:
         """Return the law of a bond between some of the materials, by their numbers.

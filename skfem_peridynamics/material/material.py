@@ -4,30 +4,25 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from math import pi, sqrt
+from math import pi
 from typing import Any
 
 import numpy as np
 
+from .elastic import Elastic, check_pairs, lame_constants, poisson_of, state
 from .own_law import make_potential
 from .potential import Potential
 from .tension_only import COMPRESSION, TensionOnly
+from .volumetric import Volumetric, make_volumetric
 
 # volume of the unit ball, omega_d, for d = 0, 1, 2, 3
 UNIT_BALL = (1.0, 2.0, pi, 4.0 * pi / 3.0)
 
-# lambda = mu = FACTOR[d] f'(0) M_d. The expansion of the force gives 2 / (d + 2); the paper prints 1/4 and 1/5
-# for d = 2, 3, half of it, because its source defines the elastic energy without the factor 1/2.
+# mu = FACTOR[d] f'(0) M_d, and bonds alone have lambda = mu. The expansion of the force gives 2 / (d + 2); the paper
+# prints 1/4 and 1/5 for d = 2, 3, half of it, because its source defines the elastic energy without the factor 1/2.
 FACTOR = {
     "physical": {1: 2.0 / 3.0, 2: 1.0 / 2.0, 3: 2.0 / 5.0},
     "paper": {1: 2.0 / 3.0, 2: 1.0 / 4.0, 3: 1.0 / 5.0},
-}
-# lambda / E and the one Poisson ratio that a bond-based law can have
-_STATES = {
-    (1, None): (1.0 / 3.0, None),
-    (2, "stress"): (3.0 / 8.0, 1.0 / 3.0),
-    (2, "strain"): (2.0 / 5.0, 1.0 / 4.0),
-    (3, None): (2.0 / 5.0, 1.0 / 4.0),
 }
 
 
@@ -38,74 +33,6 @@ def crossing(dim: int, moment: float) -> float:
     0.424413
     """
     return 2.0 * UNIT_BALL[dim - 1] / UNIT_BALL[dim] * moment
-
-
-def state(dim: int, plane: str | None) -> tuple[float, float | None]:
-    """Return ``(lambda / E, nu)`` of a bond-based law in that dimension and plane state.
-
-    >>> state(2, "stress")
-    (0.375, 0.3333333333333333)
-    """
-    if (dim, plane) not in _STATES:
-        if dim == 2:
-            raise ValueError(f'plane = {plane!r}: a body in 2D is in plane "stress" or plane "strain"')
-        raise ValueError(f"plane = {plane!r} has no meaning in {dim}D; leave it out")
-    return _STATES[dim, plane]
-
-
-def _check_poisson(poisson: float, nu: float | None) -> None:
-    """Raise ``ValueError`` for another ratio than the one that a bond-based law has in its state, None in 1D."""
-    if nu is None or abs(poisson - nu) > 1e-6:
-        can = "none in 1D" if nu is None else f"{nu:.6g} in this state"
-        raise ValueError(
-            f"poisson = {poisson}: a bond-based law has one elastic constant (lambda = mu), hence one Poisson ratio, "
-            f"{can}; leave poisson out or choose another model"
-        )
-
-
-@dataclass(frozen=True)
-class Elastic:
-    """The macroscopic constants of a law; units follow from the input.
-
-    Parameters
-    ----------
-    lame : float
-        ``lambda = mu``, a stress.
-    young : float
-        Young's modulus.
-    poisson : float or None
-        Poisson's ratio, None in 1D.
-    toughness : float
-        ``G_c``, an energy per area; infinite for the linear law.
-    density : float
-        Mass per volume.
-
-    Examples
-    --------
-    >>> round(Elastic(lame=3.0, young=8.0, poisson=1 / 3, toughness=1.0, density=1.0).pressure_speed, 12)
-    3.0
-    """
-
-    lame: float
-    young: float
-    poisson: float | None
-    toughness: float
-    density: float
-
-    @property
-    def pressure_speed(self) -> float:
-        """``sqrt((lambda + 2 mu) / rho)``"""
-        return sqrt(3.0 * self.lame / self.density)
-
-    @property
-    def shear_speed(self) -> float:
-        """``sqrt(mu / rho)``"""
-        return sqrt(self.lame / self.density)
-
-    @property
-    def rayleigh_speed(self) -> float:
-        """Surface wave speed: for ``lambda = mu`` Rayleigh's cubic has the root ``(c/c_s)^2 = 2 - 2/sqrt(3)``."""
-        return sqrt(2.0 - 2.0 / sqrt(3.0)) * self.shear_speed
 
 
 @dataclass(frozen=True)
@@ -120,7 +47,7 @@ class Material:
     young : float or None
         Young's modulus; or ``lame``.
     lame : float or None
-        ``lambda = mu``.
+        ``lambda``, and mu where that is not given.
     toughness : float or None
         ``G_c``, an energy per area.
     density : float
@@ -136,14 +63,20 @@ class Material:
     K_Ic : float or None
         In place of the toughness.
     poisson : float or None
-        Only checked: a bond-based law has one ratio.
+        Poisson's ratio beside ``young``; by default that of bonds alone.
     compression : {"soften", "elastic"}
         What bonds do that are pressed.
+    mu : float or None
+        The shear modulus, beside ``lame`` or ``bulk``.
+    bulk : float or None
+        The bulk modulus, beside ``mu``.
+    volumetric : str or callable
+        The energy beside the bonds, ``"quadratic"`` or of your own.
 
     Raises
     ------
     ValueError
-        For constants that are missing, doubled, not positive, or that a bond-based law cannot have.
+        For constants that are missing, doubled, not positive, or that no elastic solid has.
 
     Examples
     --------
@@ -163,6 +96,9 @@ class Material:
     K_Ic: float | None = None
     poisson: float | None = None
     compression: str = "soften"
+    mu: float | None = None
+    bulk: float | None = None
+    volumetric: Any = "quadratic"
 
     @classmethod
     def from_elastic(
@@ -179,15 +115,18 @@ class Material:
         convention: str = "physical",
         calibrate: str = "continuum",
         compression: str = "soften",
+        mu: float | None = None,
+        bulk: float | None = None,
+        volumetric: Any = "quadratic",
     ) -> Material:
         """Describe a material by what handbooks give.
 
         Parameters
         ----------
         young : float, optional
-            Young's modulus, a stress; or ``lame``.
+            Young's modulus, a stress, with ``poisson`` or without; or ``lame``.
         lame : float, optional
-            Lame's constant ``lambda = mu``; or ``young``.
+            Lame's constant ``lambda``, the plane one in plane stress; without ``mu`` it is mu too.
         toughness : float, optional
             ``G_c``, an energy per area; or ``K_Ic``. Neither is needed for ``potential="linear"``.
         K_Ic : float, optional
@@ -197,7 +136,9 @@ class Material:
         plane : {"stress", "strain"}, optional
             In 2D; absent in 1D and 3D.
         poisson : float, optional
-            Checked against the one ratio that a bond-based law has: 1/3 in plane stress, 1/4 else.
+            Poisson's ratio, between -1 and 1/2 (plane stress: 1). Bonds alone have 1/3 in plane stress and 1/4 else,
+            which is the default; any other adds an energy of the volumetric strain, and a force then costs up to
+            twice as much.
         potential : str or object, optional
             ``"exponential"``, ``"rational"``, ``"linear"``, a :class:`Potential`, or an object for
             :func:`own_potential`.
@@ -207,6 +148,13 @@ class Material:
             ``"discrete"`` uses the moment of the bonds at hand in place of ``M_d``.
         compression : {"soften", "elastic"}, optional
             ``"elastic"`` lets bonds soften in tension only; the paper's law softens both ways.
+        mu : float, optional
+            The shear modulus, beside ``lame`` or ``bulk``.
+        bulk : float, optional
+            The bulk modulus, in plane stress ``lambda + mu``, else ``lambda + 2 mu / 3``; beside ``mu``.
+        volumetric : str or callable, optional
+            ``"quadratic"``, ``(lambda - mu) e^2 / 2`` of the volumetric strain e, or a callable that takes
+            ``lambda - mu`` and returns an object with ``g(e)``, ``dg(e)``, ``d2g(e)``.
 
         Returns
         -------
@@ -216,7 +164,7 @@ class Material:
         Raises
         ------
         ValueError
-            For constants that are missing, doubled, not positive, or that a bond-based law cannot have.
+            For constants that are missing, doubled, not positive, or that no elastic solid has.
 
         Examples
         --------
@@ -225,15 +173,29 @@ class Material:
         >>> law.slope, round(law.limit, 6)             # f'(0) = 4 * 27e9 / (2/3), f_inf = pi 135 / (4/3)
         (162000000000.0, 318.086256)
         """
-        return cls(young, lame, toughness, density, plane, potential, convention, calibrate, K_Ic, poisson, compression)
+        return cls(
+            young,
+            lame,
+            toughness,
+            density,
+            plane,
+            potential,
+            convention,
+            calibrate,
+            K_Ic,
+            poisson,
+            compression,
+            mu,
+            bulk,
+            volumetric,
+        )
 
     def __post_init__(self) -> None:
-        for name in ("young", "lame", "toughness", "K_Ic", "density"):
+        for name in ("toughness", "K_Ic", "density"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0.0):
                 raise ValueError(f"{name} = {value} must be a positive number")
-        if (self.young is None) == (self.lame is None):
-            raise ValueError(f"give one of young = {self.young} and lame = {self.lame}, not both and not none")
+        check_pairs(self.young, self.lame, self.poisson, self.mu, self.bulk)
         if self.toughness is not None and self.K_Ic is not None:
             raise ValueError(f"give one of toughness = {self.toughness} and K_Ic = {self.K_Ic}, not both")
         if self.potential != "linear" and self.toughness is None and self.K_Ic is None:
@@ -244,8 +206,8 @@ class Material:
             raise ValueError(f"convention = {self.convention!r} must be one of {', '.join(FACTOR)}")
         if self.calibrate not in ("continuum", "discrete"):
             raise ValueError(f'calibrate = {self.calibrate!r} must be "continuum" or "discrete"')
-        if self.poisson is not None:  # without a plane state it may be a body in 3D; 1D is refused by the law
-            _check_poisson(self.poisson, state(2 if self.plane else 3, self.plane)[1])
+        # without a plane state it may be a body in 3D; 1D is refused by the law
+        self._constants(2 if self.plane else 3)
         if self.compression not in COMPRESSION:
             raise ValueError(f"compression = {self.compression!r} must be one of {', '.join(COMPRESSION)}")
 
@@ -269,10 +231,14 @@ class Material:
         """
         return dataclasses.replace(self, **changes)
 
+    def _constants(self, dim: int) -> tuple[float, float]:
+        """``(lambda, mu)`` of a body of that dimension."""
+        return lame_constants(dim, self.plane, self.young, self.lame, self.poisson, self.mu, self.bulk)
+
     def law(self, dim: int, moment: float, crack_moment: float | None = None) -> Potential:
         """Return the calibrated potential for a dimension and a moment of the influence function.
 
-        ``f'(0) = lambda / (factor M_d)``, ``f_inf = G_c omega_d / (2 omega_{d-1} M_d)``, with the factor of
+        ``f'(0) = mu / (factor M_d)``, ``f_inf = G_c omega_d / (2 omega_{d-1} M_d)``, with the factor of
         docs/theory/model.md.
 
         Parameters
@@ -292,23 +258,20 @@ class Material:
         Raises
         ------
         ValueError
-            For a ratio of Poisson that a bond-based law cannot have, and for K_Ic in 1D.
+            For a ratio of Poisson that no elastic solid has, and for K_Ic or a second elastic constant in 1D.
 
         References
         ----------
         Paper, section 2.1.
         """
         crack_moment = moment if crack_moment is None else crack_moment
-        ratio, nu = state(dim, self.plane)
-        if self.poisson is not None:
-            _check_poisson(self.poisson, nu)
-        lame = self.lame if self.lame is not None else ratio * float(self.young or 0.0)
-        slope = lame / (FACTOR[self.convention][dim] * moment)
+        lam, mu = self._constants(dim)
+        slope = mu / (FACTOR[self.convention][dim] * moment)
         toughness = self.toughness
         if self.K_Ic is not None:
+            young, nu = _young_and_poisson(lam, mu, dim, self.plane)
             if nu is None:
                 raise ValueError(f"K_Ic = {self.K_Ic} has no meaning in 1D; give toughness")
-            young = lame / ratio
             toughness = self.K_Ic**2 / (young if self.plane == "stress" else young / (1.0 - nu**2))
         limit = float("inf") if toughness is None else toughness / crossing(dim, crack_moment)
         return self.shaped(slope, limit)
@@ -330,6 +293,33 @@ class Material:
         """
         law = make_potential(self.potential, slope, limit)
         return TensionOnly.of(law) if self.compression == "elastic" else law
+
+    def volumetric_energy(self, law: Potential, dim: int, moment: float) -> Volumetric | None:
+        """Return the energy of volumetric strains beside the bonds, None where bonds alone have the constants.
+
+        Parameters
+        ----------
+        law : Potential
+            That of :meth:`law`.
+        dim : int
+            Dimension of the body, 1, 2 or 3.
+        moment : float
+            ``M_d`` of the influence function, for strains.
+
+        Returns
+        -------
+        Volumetric or None
+            With ``G''(0) = lambda - mu``.
+
+        Examples
+        --------
+        >>> steel = Material.from_elastic(young=2.6, poisson=0.3, toughness=1.0, density=1.0)
+        >>> round(steel.volumetric_energy(steel.law(3, 0.25), 3, 0.25).modulus, 12)         # lambda 1.5, mu 1
+        0.5
+        """
+        lam, mu = self._constants(dim)
+        # the paper's factor makes a body stiffer as a whole, at the same ratio
+        return make_volumetric(self.volumetric, (lam / mu - 1.0) * FACTOR["physical"][dim] * law.slope * moment)
 
     def elastic(self, law: Potential, dim: int, moment: float, crack_moment: float | None = None) -> Elastic:
         """Return the constants that a law has: the way back, always with the physical factor.
@@ -357,7 +347,18 @@ class Material:
         >>> round(e.young, 12), round(e.toughness, 12)         # the paper's factor makes the body twice as stiff
         (10.0, 2.0)
         """
-        ratio, nu = state(dim, self.plane)
-        lame = FACTOR["physical"][dim] * law.slope * moment
+        given = self._constants(dim)
+        mu = FACTOR["physical"][dim] * law.slope * moment
+        lam = mu if given[0] == given[1] else mu * (given[0] / given[1])
+        young, nu = _young_and_poisson(lam, mu, dim, self.plane)
         toughness = law.limit * crossing(dim, crack_moment or moment)
-        return Elastic(lame, lame / ratio, nu, toughness, self.density)
+        return Elastic(lam, young, nu, toughness, self.density, None if lam == mu else mu)
+
+
+def _young_and_poisson(lam: float, mu: float, dim: int, plane: str | None) -> tuple[float, float | None]:
+    """Young's modulus and Poisson's ratio of lambda and mu."""
+    ratio, nu = state(dim, plane)
+    if lam == mu:
+        return lam / ratio, nu
+    nu = poisson_of(lam, mu, plane)
+    return 2.0 * mu * (1.0 + nu), nu

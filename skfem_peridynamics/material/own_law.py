@@ -70,10 +70,10 @@ class Scalars:
         self._functions = f, df, d2f
 
     @cached_property
-    def compiled(self) -> tuple[Any, Any]:
-        """f and f' as numba has compiled them."""
-        f, df, _ = (scalar(function) for function in self._functions)
-        return f, df
+    def compiled(self) -> tuple[Any, Any, Any]:
+        """f, f' and f'' as numba compiles them where they are used."""
+        f, df, d2f = (scalar(function) for function in self._functions)
+        return f, df, d2f
 
     @cached_property
     def _on_arrays(self) -> tuple[Callable[[Floats], Floats], ...]:

@@ -49,6 +49,9 @@ class TensionOnly(Potential):
     def hessian(self, T: Floats) -> Floats:
         return self.law.hessian(np.maximum(T, 0.0))  # at 0 it is 2 f'(0)
 
+    def third(self, T: Floats) -> Floats:
+        return np.where(T > 0.0, self.law.third(np.maximum(T, 0.0)), 0.0)
+
     def secant(self, T: Floats) -> Floats:
         return self.law.secant(np.maximum(T, 0.0))
 

@@ -12,6 +12,7 @@ import numpy as np
 from .._types import Csr, Floats, Longs
 from ..bonds.ball_rule import BallRule
 from ..engine.block import Block
+from .dilatation import Dilatation
 from .peridynamics import Peridynamics
 
 
@@ -28,13 +29,15 @@ class BondState:
     """What has happened to the bonds of a body.
 
     ``broken`` lists, for each block, the numbers of its broken bonds in order; ``lost`` (nsamples,) counts them by
-    their ends; ``last`` holds what broke last, ``energy`` what that had stored.
+    their ends; ``last`` holds what broke last, ``energy`` what that had stored, ``relief`` (N,) the forces that others
+    lost by it, where there is a dilatation.
     """
 
     broken: list[Longs]
     lost: Floats
     last: list[Broken] = field(default_factory=list)
     energy: float = 0.0
+    relief: Floats | None = None
 
     def work_of_last(self, du: Floats) -> float:
         """Return the work that what broke last would have done against a displacement, (nsamples, dim)."""
@@ -148,11 +151,48 @@ class Breaking(Peridynamics):
             Forces.
         """
         u = self._vector(u)
-        F, broken = self.engine.break_and_force(u, self.at)
-        self.state.last, self.state.energy = [], 0.0
+        F, broken, virial = self.engine.break_and_force(u, self.at, self._pressure)
+        self.state.last, self.state.energy, self.state.relief = [], 0.0, None
         if broken:
             self._note(self.inward(u), broken)
+            if self.dilatation is not None and virial is not None:
+                self._note_dilatation(u, F, broken, virial, self.dilatation)
         return F
+
+    def work_of_last(self, du: Floats) -> float:
+        """Return the work that what broke last would have done against a displacement.
+
+        Parameters
+        ----------
+        du : ndarray, (N,)
+            Displacement, numbered as the basis numbers it.
+
+        Returns
+        -------
+        float
+            An energy.
+        """
+        relief = 0.0 if self.state.relief is None else float(self.state.relief @ du)
+        return self.state.work_of_last(self.inward(du)) + relief
+
+    def _note_dilatation(
+        self, u: Floats, F: Floats, broken: Sequence[tuple[Block, Longs]], virial: Floats, dilatation: Dilatation
+    ) -> None:
+        """Add what the dilatation lost by the bonds that broke, and the forces that this changed everywhere."""
+        samples, number = self.bonds.samples, {id(block): k for k, block in enumerate(self.blocks)}
+        v, lost = self.inward(u), np.zeros(self.bonds.samples.nsamples)
+        gone = [self.blocks[number[id(block)]].some(np.sort(which)) for block, which in broken]
+        for bonds in gone:
+            lost[bonds.window] += bonds.virial(v)
+        before = virial + samples.spread(lost)
+        self.state.energy += dilatation.energy(before) - dilatation.energy(virial)
+        pressure = dilatation.pressure(before)
+        p = samples.take(pressure)
+        for bonds in gone:
+            pull = bonds.rates(bonds.strains(v)) * bonds.pressures(p)
+            self.state.last.append(Broken(bonds.incidence(), bonds.window, pull[:, None] * bonds.directions()))
+        # what is left is under another pressure than before
+        self.state.relief = F - self.engine.force(u, lambda _: pressure)
 
     def _note(self, v: Floats, broken: Sequence[tuple[Block, Longs]]) -> None:
         number = {id(block): k for k, block in enumerate(self.blocks)}

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -18,13 +18,17 @@ from .._threads import Threads
 from .._types import Csr, Floats, Longs
 from .._vectors import real_vector
 from ..bonds.bond_basis import BondBasis
-from ..engine.block import Block, make_blocks, matrix_bytes
+from ..engine.block import Beside, Block, Pressure, make_blocks, matrix_bytes
 from ..engine.engine import Engine, make_engine
 from ..material.composite import Composite
 from ..material.material import Elastic, Material, crossing
 from ..material.own_law import check_law
 from ..material.potential import Linear, Potential
+from ..material.volumetric import Volumetric
 from .bond_laws import laws_of_bonds
+
+if TYPE_CHECKING:
+    from .dilatation import Dilatation
 
 _T = TypeVar("_T")
 
@@ -98,6 +102,11 @@ class Peridynamics:
             )
         if isinstance(self.material, Potential):
             check_law(self.material)
+        elif not self.symmetric and any(self.volumetric_energies):
+            raise ValueError(
+                f"rule = {self.bonds.rule.name}: a Poisson ratio other than that of bonds alone needs a symmetric "
+                "rule, whose force is the gradient of an energy"
+            )
 
     def with_(self, **changes: Any) -> Peridynamics:
         """Return a copy with other bonds, another material, no-fail vertices or threads.
@@ -146,9 +155,35 @@ class Peridynamics:
         return self.material.laws(self.bonds.dim, *self.moments)
 
     @property
+    def volumetric_energies(self) -> list[Volumetric | None]:
+        """The energy beside the bonds of each material; None where bonds alone have its elastic constants."""
+        if isinstance(self.material, Potential):
+            return [None]
+        dim, moment = self.bonds.dim, self.moments[0]
+        if isinstance(self.material, Composite):
+            return self.material.volumetric_energies(self.laws, dim, moment)
+        return [self.material.volumetric_energy(self.law, dim, moment)]
+
+    @cached_property
+    def dilatation(self) -> Dilatation | None:
+        """The energy of the volumetric strains; None where bonds alone have the elastic constants."""
+        energies = self.volumetric_energies
+        if not any(energies):
+            return None
+        from .dilatation import make_dilatation
+
+        composite = self.material if isinstance(self.material, Composite) else None
+        return make_dilatation(self.bonds, self.blocks, self.laws, energies, composite, self.moments[0])
+
+    @property
+    def _pressure(self) -> Pressure | None:
+        return None if self.dilatation is None else self.dilatation.pressure
+
+    @property
     def linear(self) -> bool:
-        """Whether no bond ever softens."""
-        return all(isinstance(block.law, Linear) for block in self.blocks)
+        """Whether the force is linear: no bond ever softens, and the dilatation is quadratic."""
+        quadratic = self.dilatation is None or self.dilatation.quadratic
+        return quadratic and all(isinstance(block.law, Linear) for block in self.blocks)
 
     @property
     def moments(self) -> tuple[float, float]:
@@ -264,7 +299,9 @@ class Peridynamics:
         ----------
         Paper, eq. 2.4 with 2.6.
         """
-        return self.engine.energy(self._vector(u))
+        u = self._vector(u)
+        energy = self.engine.energy(u)
+        return energy if self.dilatation is None else energy + self.dilatation.energy(self.engine.virial(u))
 
     def force(self, u: Floats) -> Floats:
         """Return ``-a(u, phi_i)``, minus the gradient of the energy.
@@ -283,7 +320,7 @@ class Peridynamics:
         ----------
         Paper, eq. 2.11.
         """
-        return self.engine.force(self._vector(u))
+        return self.engine.force(self._vector(u), self._pressure)
 
     def stiffness(self) -> Csr:
         """Return the matrix of ``a_l``; symmetric when the rule is.
@@ -297,7 +334,8 @@ class Peridynamics:
         ----------
         Paper, section 4.3.
         """
-        return self.assemble([block.rest_stiffness for block in self.blocks])
+        K = self.assemble([block.rest_stiffness for block in self.blocks])
+        return K if self.dilatation is None else self._with_dilatation(K, self._beside())
 
     def tangent(self, u: Floats) -> Csr:
         """Return minus the gradient of the force at u; indefinite once bonds soften.
@@ -312,7 +350,8 @@ class Peridynamics:
         scipy.sparse.csr_matrix, (N, N)
             The tangent.
         """
-        return self.assemble(self.hessians(u))
+        K = self.assemble(self.hessians(u))
+        return K if self.dilatation is None else self._with_dilatation(K, self._beside(u))
 
     def stiffness_operator(self) -> LinearOperator:
         """Return ``a_l`` as a matrix-free operator.
@@ -322,7 +361,7 @@ class Peridynamics:
         scipy.sparse.linalg.LinearOperator, (N, N)
             Products with the stiffness at rest.
         """
-        return self._operator(None)
+        return self._operator(None, self._beside())
 
     def tangent_operator(self, u: Floats) -> LinearOperator:
         """Return minus the gradient of the force at u as a matrix-free operator; it stores one number per bond.
@@ -337,10 +376,12 @@ class Peridynamics:
         scipy.sparse.linalg.LinearOperator, (N, N)
             Products with the tangent.
         """
-        return self._operator(self.hessians(u))
+        return self._operator(self.hessians(u), self._beside(u))
 
     def hessians(self, u: Floats) -> list[Floats]:
         """Return the second derivatives of the energies of all bonds by their scaled strain T.
+
+        Where the body has a dilatation its pressure is held: what it changes stands beside them in the tangent.
 
         Parameters
         ----------
@@ -352,11 +393,68 @@ class Peridynamics:
         list of ndarray
             An array a block.
         """
-        return list(self.each_block(u, lambda block, T: block.k * block.law.hessian(T)))
+        p = self.pressure(u)
+        if p is None:
+            return list(self.each_block(u, lambda block, T: block.k * block.law.hessian(T)))
+        return list(self.each_block(u, lambda block, T: block.pressed_hessian(T, p)))
 
-    def _operator(self, weights: Sequence[Floats] | None) -> LinearOperator:
+    def pressure(self, u: Floats) -> Floats | None:
+        """Return the pressure of the dilatation at the samples, None where the body has none.
+
+        Parameters
+        ----------
+        u : ndarray, (N,)
+            Displacement, numbered as the basis numbers it.
+
+        Returns
+        -------
+        ndarray, (nsamples,), or None
+            ``G'(e) / ((d + 2) mu)``, without dimension.
+        """
+        if self.dilatation is None:
+            return None
+        return self.bonds.samples.take(self.dilatation.pressure(self.engine.virial(self._vector(u))))
+
+    def bounding_weights(self, u: Floats | None = None) -> list[Floats] | None:
+        """Return numbers a bond, an array a block, whose assembled matrix is at least the stiffness, or tangent at u.
+
+        None where these are those of the bonds at rest.
+
+        Parameters
+        ----------
+        u : ndarray, (N,), optional
+            Displacement; at rest without one.
+
+        Returns
+        -------
+        list of ndarray, or None
+            None of them negative.
+        """
+        weights = None if u is None else [np.maximum(hessian, 0.0) for hessian in self.hessians(u)]
+        if self.dilatation is None:
+            return weights
+        from .dilatation import bounding_weights
+
+        return bounding_weights(self, weights, u)
+
+    def _beside(self, u: Floats | None = None) -> Beside | None:
+        """What the dilatation adds to the stiffness, or to the tangent at u."""
+        if self.dilatation is None:
+            return None
+        if u is None:
+            return Beside(None, self.dilatation.stiffness())
+        rates = list(self.each_block(u, lambda block, T: block.rates(T)))
+        return Beside(rates, self.dilatation.stiffness(self.engine.virial(self._vector(u))))
+
+    def _with_dilatation(self, K: Csr, beside: Beside | None) -> Csr:
+        from .dilatation import assembled
+
+        assert beside is not None
+        return assembled(self, K, beside)
+
+    def _operator(self, weights: Sequence[Floats] | None, beside: Beside | None) -> LinearOperator:
         def apply(x: Floats, transposed: bool = False) -> Floats:
-            return self.engine.product(weights, real_vector(x, "x").ravel(), transposed)
+            return self.engine.product(weights, real_vector(x, "x").ravel(), transposed, beside)
 
         size = self.basis.N
         return LinearOperator(
@@ -369,7 +467,7 @@ class Peridynamics:
         Parameters
         ----------
         weights : sequence of ndarray
-            A number a bond, an array a block; from :meth:`hessians` it is the tangent.
+            A number a bond, an array a block; from :meth:`hessians` it is the tangent of the bonds.
 
         Returns
         -------
@@ -380,7 +478,7 @@ class Peridynamics:
         total = sparse.csr_matrix((size, size))
         rows, cols, values, entries = [], [], [], 0
         for block, weight in zip(self.blocks, weights, strict=True):
-            number, B, XT = self._at_vertices(block)
+            number, B, XT = self.at_vertices(block)
             local = (XT @ sparse.csr_matrix(B.multiply(weight[:, None]))).tocoo()
             rows.append(number[local.row])
             cols.append(number[local.col])
@@ -394,8 +492,19 @@ class Peridynamics:
             K = sparse.csr_matrix((K + K.T) * 0.5)
         return K
 
-    def _at_vertices(self, block: Block) -> tuple[Longs, Csr, sparse.csc_matrix]:
-        """B and X^T of a block with vertex degrees of freedom in place of samples, and the numbers of those."""
+    def at_vertices(self, block: Block) -> tuple[Longs, Csr, sparse.csc_matrix]:
+        """Return B and X^T of a block with vertex degrees of freedom in place of samples, and the numbers of those.
+
+        Parameters
+        ----------
+        block : Block
+            Of this body.
+
+        Returns
+        -------
+        ndarray of int, csr_matrix, csc_matrix
+            (n,), (nbonds, n) and (n, nbonds).
+        """
         dim, samples = self.bonds.dim, self.bonds.samples
         B, XT = block.matrices()
         if samples.at_vertices:

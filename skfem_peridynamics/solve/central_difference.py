@@ -230,7 +230,7 @@ class _Motion:
                 self.work += trapezoid(reaction, self.reaction, du)
             if self.breaking is not None and self.breaking.state.last:
                 # what broke has pulled along half of this step only: the motion lacks that work
-                lacking = 0.5 * self.breaking.state.work_of_last(self.breaking.inward(du))
+                lacking = 0.5 * self.breaking.work_of_last(du)
                 self.dissipated += self.breaking.state.energy - lacking
             np.multiply(self.a, 0.5 * self.dt, out=self.half)
             self.v += self.half

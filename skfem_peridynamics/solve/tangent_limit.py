@@ -45,7 +45,7 @@ class TangentLimit:
         try:
             value, self._mode, residual = largest_mode(apply, mass, **options)
         except (ArpackNoConvergence, ArpackError):  # then the guaranteed bound
-            weights = [np.maximum(hessian, 0.0) for hessian in self.body.hessians(u)]
+            weights = self.body.bounding_weights(u)
             consistent = 1.0 if isinstance(mass, Lumped) else self.body.bonds.dim + 2.0
             return 2.0 / sqrt(consistent * nodal_bounds(self.body, self._lumped, weights)[0])
         # 2 %: what a space of ten vectors can miss, started from the mode of the last time

@@ -76,17 +76,114 @@ def test_constants_that_make_no_sense(changes, message):
         Material.from_elastic(**(good | changes))
 
 
+RATIOS = [-0.9, -0.3, 0.0, 0.2, 0.3, 0.45, 0.49]
+
+
+@pytest.mark.parametrize(("dim", "plane"), [(2, "stress"), (2, "strain"), (3, None)])
+@pytest.mark.parametrize("nu", RATIOS)
+def test_any_ratio_there_and_back(dim, plane, nu):
+    """Against the textbook, in all three ways to say it; the law holds mu, the energy beside it lambda - mu."""
+    young, moment = 72e9, 0.3
+    mu, lam = young / (2 * (1 + nu)), lame(young, nu, plane)
+    bulk = lam + mu if plane == "stress" else lam + 2 * mu / 3
+    rest = {"toughness": 135.0, "density": 2440.0, "plane": plane}
+    for given in ({"young": young, "poisson": nu}, {"lame": lam, "mu": mu}, {"bulk": bulk, "mu": mu}):
+        m = Material.from_elastic(**given, **rest)
+        law = m.law(dim, moment)
+        assert 2 / (dim + 2) * law.slope * moment == pytest.approx(mu, rel=1e-13)
+        assert m.volumetric_energy(law, dim, moment).modulus == pytest.approx(lam - mu, rel=1e-10)
+        back = m.elastic(law, dim, moment)
+        assert (back.young, back.poisson) == pytest.approx((young, nu), rel=1e-11, abs=1e-13)
+        assert (back.lame, back.shear) == pytest.approx((lam, mu), rel=1e-11, abs=1e-2)
+        cp, cs, cr = back.pressure_speed, back.shear_speed, back.rayleigh_speed
+        assert (cp**2 * 2440, cs**2 * 2440) == pytest.approx((lam + 2 * mu, mu), rel=1e-11)
+        a, b = (cr / cp) ** 2, (cr / cs) ** 2
+        assert (2 - b) ** 2 == pytest.approx(4 * np.sqrt(1 - a) * np.sqrt(1 - b), rel=1e-11)
+    K = Material.from_elastic(young=young, poisson=nu, K_Ic=0.75e6, density=1.0, plane=plane)
+    stiff = young if plane == "stress" else young / (1 - nu**2)
+    assert K.elastic(K.law(dim, moment), dim, moment).toughness == pytest.approx(0.75e6**2 / stiff, rel=1e-12)
+    # the paper's factor makes a body stiffer as a whole
+    paper = Material.from_elastic(young=young, poisson=nu, convention="paper", **rest)
+    back = paper.elastic(paper.law(dim, moment), dim, moment)
+    assert (back.young, back.poisson) == pytest.approx((2 * young, nu), rel=1e-11, abs=1e-13)
+
+
+@pytest.mark.parametrize(("dim", "plane", "nu"), STATES[1:])
+def test_at_the_ratio_of_bonds_nothing_is_added_and_no_bit_changes(dim, plane, nu):
+    rest = {"toughness": 135.0, "density": 2440.0, "plane": plane}
+    alone = Material.from_elastic(young=72e9, **rest)
+    lam = alone.elastic(alone.law(dim, 0.3), dim, 0.3).lame
+    for given in ({"young": 72e9, "poisson": nu}, {"young": 72e9, "poisson": round(nu, 6)}):
+        m = Material.from_elastic(**given, **rest)
+        law = m.law(dim, 0.3)
+        assert law == alone.law(dim, 0.3)
+        assert m.volumetric_energy(law, dim, 0.3) is None
+        assert m.elastic(law, dim, 0.3) == alone.elastic(law, dim, 0.3)
+    both = Material.from_elastic(lame=lam, mu=lam, **rest)
+    assert both.law(dim, 0.3) == Material.from_elastic(lame=lam, **rest).law(dim, 0.3)
+    assert both.volumetric_energy(both.law(dim, 0.3), dim, 0.3) is None
+
+
 @pytest.mark.parametrize(
-    ("dim", "plane", "nu", "can"),
-    [(2, "stress", 0.3, "0.333333"), (3, None, 0.3, "0.25"), (1, None, 0.25, "none in 1D")],
+    ("given", "message"),
+    [
+        ({"young": 1.0, "poisson": -1.0}, "poisson = -1: in 3D Poisson's ratio lies between -1 and 0.5"),
+        ({"young": 1.0, "poisson": 0.5}, "poisson = 0.5: .* change its volume for nothing"),
+        ({"young": 1.0, "poisson": 0.5, "plane": "strain"}, "in plane strain Poisson's ratio lies between -1 and 0.5"),
+        ({"young": 1.0, "poisson": 1.0, "plane": "stress"}, "in plane stress Poisson's ratio lies between -1 and 1"),
+        ({"young": 1.0, "poisson": np.nan}, "poisson = nan must be a number"),
+        ({"lame": -0.7, "mu": 1.0}, "lame = -0.7 with mu = 1 is Poisson's ratio -1.167"),
+        ({"lame": -1.0}, "lame = -1.0 must be a positive number"),
+        ({"lame": 1.0, "poisson": 0.3}, "poisson = 0.3 goes with young; beside lame give mu"),
+        ({"young": 1.0, "mu": 1.0}, "mu = 1 goes with lame or with bulk, not with young"),
+        ({"lame": 1.0, "mu": 1.0, "poisson": 0.25}, "not with poisson"),
+        ({"bulk": 1.0}, "bulk = 1 goes with mu"),
+        ({"bulk": 1.0, "lame": 1.0, "mu": 1.0}, "give one of young = None and lame = 1.0"),
+        ({"bulk": -1.0, "mu": 1.0}, "bulk = -1.0 must be a positive number"),
+        ({"young": 1.0, "volumetric": "cubic"}, "volumetric = 'cubic' must be"),
+    ],
 )
-def test_a_poisson_ratio_the_law_cannot_have_is_refused_with_the_reason(dim, plane, nu, can):
-    """Where it is written, as far as the plane state tells; in 1D, which has none, when the law is made."""
-    with pytest.raises(ValueError, match=f"one elastic constant .* {can}"):
-        Material.from_elastic(young=1.0, toughness=1.0, density=1.0, plane=plane, poisson=nu).law(dim, 0.3)
-    if dim > 1:
-        with pytest.raises(ValueError, match="leave poisson out"):
-            Material.from_elastic(young=1.0, toughness=1.0, density=1.0, plane=plane, poisson=nu)
+def test_constants_that_no_solid_has(given, message):
+    def make():
+        m = Material.from_elastic(toughness=1.0, density=1.0, **given)
+        return m.volumetric_energy(m.law(2 if m.plane else 3, 0.3), 2 if m.plane else 3, 0.3)
+
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+@pytest.mark.parametrize("second", [{"poisson": 0.25}, {"poisson": 0.3}])
+def test_a_line_has_one_elastic_constant(second):
+    with pytest.raises(ValueError, match="poisson = 0.* has no meaning in 1D"):
+        Material.from_elastic(young=1.0, toughness=1.0, density=1.0, **second).law(1, 0.3)
+
+
+def own_volumetric(g, dg, d2g):
+    class Own:
+        def __init__(self, modulus):
+            self.m = modulus
+
+    Own.g, Own.dg, Own.d2g = (lambda self, e, h=h: self.m * h(e) for h in (g, dg, d2g))
+    return Own
+
+
+@pytest.mark.parametrize(
+    ("functions", "message"),
+    [
+        ((np.cosh, np.sinh, np.cosh), r"g\(0\) = .* must be 0"),
+        ((lambda e: np.exp(e) - 1, np.exp, np.exp), r"dg\(0\) = .* must be 0"),
+        (
+            (lambda e: 1 - np.cos(2 * e), lambda e: 2 * np.sin(2 * e), lambda e: 4 * np.cos(2 * e)),
+            r"asked for d2g\(0\)",
+        ),
+        ((lambda e: np.cosh(e) - 1, lambda e: np.sinh(e) * (1 + e**2), np.cosh), "dg is not the derivative of g"),
+        ((lambda e: np.cosh(e) - 1, np.sinh, lambda e: 1 + e**2), "d2g is not the derivative of dg"),
+    ],
+)
+def test_an_own_volumetric_energy_that_is_none(functions, message):
+    m = Material.from_elastic(young=1.0, poisson=0.3, toughness=1.0, density=1.0, volumetric=own_volumetric(*functions))
+    with pytest.raises(ValueError, match=message):
+        m.volumetric_energy(m.law(3, 0.3), 3, 0.3)
 
 
 def test_plane_state_belongs_to_2d():
