@@ -34,6 +34,7 @@ from .solve.instability import UnstableRun
 from .solve.newmark import newmark
 from .solve.newton import Effort, NotConverged
 from .solve.state import Equilibrium, State
+from .solve.state_bound import bound_of_all_states
 from .solve.state_files import load_state, save_state
 from .solve.static import static
 
@@ -74,6 +75,7 @@ __all__ = [
     "UnstableRun",
     "__version__",
     "body_force",
+    "bound_of_all_states",
     "boundary_function",
     "census",
     "central_difference",

@@ -28,17 +28,18 @@ from .law_loops import (
     inverse_root,
     snap,
 )
-from .pair_loops import _batch, _gather, _scatter
+from .pair_loops import _gather, _scatter
+
+# one row more than other loops have
+PRESSURE = ROOM
+_ROOM = ROOM + ROOM // 9
 
 
 @unordered
-def _halved(W: Any, n: int) -> float:
-    """Turn K into ``K r^2 / 2``; return the sum."""
+def _sum(W: Any, n: int) -> float:
     total = 0.0
     for m in range(n):
-        pull = 0.5 * W[m + K] * W[m + R2]
-        W[m + K] = pull
-        total += pull
+        total += W[m + K]
     return total
 
 
@@ -49,12 +50,73 @@ def _add(J: Any, n: int, W: Any, V: Any) -> None:
 
 
 @compiled
-def _press(J: Any, n: int, own: float, p: Any, W: Any) -> None:
-    """``(p_x + p_y) / r`` of a batch, in REST."""
+def _gather_lengths(axes: Any, J: Any, n: int, i: int, P: Any, given: Any, W: Any) -> None:
+    """What :func:`~.pair_loops._gather` does, but for the bond vectors."""
+    dim = len(axes)
+    x0, y0, z0 = P[i, 0], P[i, dim // 2], P[i, dim - 1]
+    u0, v0, w0 = P[i, dim + 1], P[i, dim + 1 + dim // 2], P[i, 2 * dim]
     for m in range(n):
-        W[m + REST] = own + p[np.uint32(J[m])]
+        j = np.uint32(J[m])
+        d = P[j, 0] - x0
+        along = d * (P[j, dim + 1] - u0)
+        length = d * d
+        if dim > 1:
+            d = P[j, 1] - y0
+            along += d * (P[j, dim + 2] - v0)
+            length += d * d
+        if dim > 2:
+            d = P[j, 2] - z0
+            along += d * (P[j, dim + 3] - w0)
+            length += d * d
+        W[m + S] = along
+        W[m + R2] = length
+        if given is None:
+            W[m + K] = P[j, dim]
+            W[m + REST] = P[j, 2 * dim + 1]
+
+
+@compiled
+def _measure(n: int, given: Any, low: int, reach: float, scale: float, own: float, own_size: float, W: Any) -> None:
+    """``c = s / r`` and ``q = s^2 / r^3``, and the measures, as :func:`~.pair_loops._pull_cells` makes them."""
+    least = 0.0 if reach > 0.0 else 1.0
     for m in range(n):
-        W[m + REST] *= inverse_root(W[m + R2])
+        root = inverse_root(W[m + R2])
+        c = W[m + S] * root
+        W[m + C] = c
+        W[m + Q] = c * c * root
+        if given is None:
+            short = reach - W[m + R2] * root
+            share = min(max(short * W[m + REST] + 0.5, least), 1.0) + min(max(short * own_size + 0.5, least), 1.0)
+            W[m + K] *= scale * own * share
+        else:
+            W[m + K] = scale * given[low + m]
+
+
+@compiled
+def _pressed(
+    n: int, given: Any, low: int, reach: float, scale: float, own: float, own_size: float, p: float, W: Any
+) -> None:
+    """``c = s / r^3``, ``q = s c`` and the measures; ``(p_x + p_y) / r`` in REST, of the p_y in PRESSURE."""
+    least = 0.0 if reach > 0.0 else 1.0
+    for m in range(n):
+        root = inverse_root(W[m + R2])
+        s = W[m + S]
+        c = s * (root * root * root)
+        W[m + C] = c
+        W[m + Q] = s * c
+        if given is None:
+            short = reach - W[m + R2] * root
+            share = min(max(short * W[m + REST] + 0.5, least), 1.0) + min(max(short * own_size + 0.5, least), 1.0)
+            W[m + K] *= scale * own * share
+        else:
+            W[m + K] = scale * given[low + m]
+        W[m + REST] = (p + W[m + PRESSURE]) * root
+
+
+@compiled
+def _take_pressure(J: Any, n: int, p: Any, W: Any) -> None:
+    for m in range(n):
+        W[m + PRESSURE] = p[np.uint32(J[m])]
 
 
 @compiled
@@ -107,19 +169,20 @@ def virial(
 
     Bonds beyond a ``limit`` break; return how many, see :func:`~.law_loops.snap`.
     """
-    W = np.empty(ROOM)
+    W, dim = np.empty(ROOM), len(axes)
     count = 0
     for row in range(len(start) - 1):
         i = first + row
         for low in range(start[row], start[row + 1], BATCH):
             n = min(BATCH, start[row + 1] - low)
             J = far[low : low + n]
-            _batch(axes, J, n, i, P, given, low, reach, scale, W)
+            _gather_lengths(axes, J, n, i, P, given, W)
+            _measure(n, given, low, reach, 0.5 * scale, P[i, dim], P[i, 2 * dim + 1], W)
             # numba drops this branch where the loop is compiled without a limit
             if limit is not None:
                 count += snap(limit, both, W, given, low, n)
             bend(kind, slope, b, own, W, n)
-            V[i] += _halved(W, n)
+            V[i] += _sum(W, n)
             _add(J, n, W, V)
     return count
 
@@ -143,14 +206,15 @@ def force(
     F: Any,
 ) -> None:
     """Add the forces of the bonds under a pressure to F, three rows as in :func:`~.pair_loops.force`."""
-    W = np.empty(ROOM)
+    W, dim = np.empty(_ROOM), len(axes)
     for row in range(len(start) - 1):
         i = first + row
         for low in range(start[row], start[row + 1], BATCH):
             n = min(BATCH, start[row + 1] - low)
             J = far[low : low + n]
-            _batch(axes, J, n, i, P, given, low, reach, scale, W)
-            _press(J, n, p[i], p, W)
+            _gather(axes, J, n, i, P, given, W)
+            _take_pressure(J, n, p, W)
+            _pressed(n, given, low, reach, scale, P[i, dim], P[i, 2 * dim + 1], p[i], W)
             _bend_pressed(kind, slope, b, df, d2f, W, n)
             _scatter(axes, J, n, i, W, F)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -174,6 +175,15 @@ class Peridynamics:
 
         composite = self.material if isinstance(self.material, Composite) else None
         return make_dilatation(self.bonds, self.blocks, self.laws, energies, composite, self.moments[0])
+
+    @property
+    def bonds_alone(self) -> Peridynamics:
+        """The same bonds without a dilatation: itself where there is none."""
+        if self.dilatation is None:
+            return self
+        alone = copy(self)
+        alone.__dict__["dilatation"] = None
+        return alone
 
     @property
     def _pressure(self) -> Pressure | None:

@@ -47,6 +47,9 @@ class StepLimit:
         A bound for the exact integrals, infinite in 1D; a sampled energy can exceed it.
     products : int
         Applications of the stiffness; 0 where the whole spectrum was computed.
+    bonds : float, optional
+        What bonds alone have, margins included, where a dilatation makes a body at rest softer than they are (below
+        their Poisson ratio): as bonds tear, the largest eigenvalue goes there. 0 elsewhere.
 
     Examples
     --------
@@ -61,6 +64,7 @@ class StepLimit:
     row_sum: float
     closed_form: float
     products: int
+    bonds: float = 0.0
 
     @property
     def dt(self) -> float:
@@ -68,7 +72,7 @@ class StepLimit:
 
         The half per cent is left out where the whole spectrum was computed (``products == 0``).
         """
-        ritz = (self.eigenvalue + self.residual) * (1.0 + (_MISSED if self.products else 0.0))
+        ritz = max(_with_margins(self.eigenvalue, self.residual, self.products), self.bonds)
         return 2.0 / sqrt(ritz if ritz < self.nodal_bound else self.nodal_bound)
 
     def exceeded(self, dt: float) -> bool:
@@ -131,6 +135,10 @@ class StepLimit:
         names = ("eigenvalue", "nodal_bound", "closed_form", "row_sum")
         values = {name: float(getattr(self, name)) for name in names}
         return {name: 0.0 if lam == inf else 2.0 / sqrt(lam) for name, lam in values.items()}
+
+
+def _with_margins(eigenvalue: float, residual: float, products: int) -> float:
+    return (eigenvalue + residual) * (1.0 + (_MISSED if products else 0.0))
 
 
 def exact_eigenvalue_bound(slope: float, mean: float, density: float, dim: int, horizon: float) -> float:
@@ -272,7 +280,11 @@ def stable_time_step(
     if not isfinite(value) and not isfinite(nodal):
         raise ValueError("the largest eigenvalue did not converge and no bound is known: give the step yourself")
     density = float((lumped.reshape(-1, body.bonds.dim)[:, 0] / vertex_volumes(body.bonds.mesh)).min())
-    return StepLimit(value, residual, nodal, row_sum, closed_form(body, density), products)
+    bonds = 0.0
+    if u is None and body.dilatation is not None and float(body.dilatation.curvature().min()) < 0.0:
+        found = largest_eigenvalue(body.bonds_alone, mass, tolerance)
+        bonds, products = _with_margins(*found), products + found[2]
+    return StepLimit(value, residual, nodal, row_sum, closed_form(body, density), products, bonds)
 
 
 def discrete_energy(K: Any, M: Any, state: State) -> float:

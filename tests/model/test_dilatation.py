@@ -6,6 +6,7 @@ import pytest
 import skfem_peridynamics as peri
 from bodies import box, vector_basis
 from skfem_peridynamics import BallRule, CornerRule, Material, PairRule, Peridynamics
+from skfem_peridynamics.solve.cfl import nodal_bounds
 
 RULES = {"pairs": PairRule(), "gauss": PairRule(points="gauss"), "ball": BallRule(3, 4), "corners": CornerRule()}
 
@@ -101,3 +102,101 @@ def test_force_tangent_and_engines(dim, n, rule, options):
         np.testing.assert_allclose(K0 @ v, rest, rtol=0, atol=1e-12 * np.abs(rest).max())
         np.testing.assert_allclose(body.tangent_operator(0 * u) @ v, rest, rtol=0, atol=1e-11 * np.abs(rest).max())
         assert w @ (body.tangent_operator(u) @ v) == pytest.approx(v @ (body.tangent_operator(u) @ w), rel=1e-10)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("rule", ["pairs", "ball", "corners"])
+def test_uniform_strains(dim, rule):
+    """``u = A x`` has the volumetric strain of its trace at every vertex, cut balls included, and a torn body none."""
+    if dim == 3 and rule == "corners":
+        pytest.skip("corner pairs are a rule of the plane")
+    body = make(dim, {2: 8, 3: 4}[dim] if rule != "ball" else 3, rule, 0.4)
+    A = np.random.default_rng(3).standard_normal((dim, dim))
+    p = body.bonds.mesh.p
+    # the trace of a pure dilatation exactly; of a shear in the mean over directions only
+    e = body.dilatation.strain(body.engine.virial(1e-7 * p.T.ravel()))
+    np.testing.assert_allclose(e, 1e-7 * dim, rtol=1e-6)
+    torn = body.dilatation.strain(body.engine.virial(1e6 * p.T.ravel()))
+    assert np.abs(torn).max() < 1e-12
+    for translation in np.eye(dim):
+        assert np.abs(body.force(np.tile(translation, p.shape[1]))).max() < 1e-12
+    F = body.force((1e-2 * A @ p).T.ravel()).reshape(-1, dim)
+    assert np.abs(F.sum(axis=0)).max() < 1e-12 * np.abs(F).sum()
+    turned = sum(p[a] * F[:, b] - p[b] * F[:, a] for a, b in [(0, 1)])
+    assert abs(turned.sum()) < 1e-12 * np.abs(F).sum()
+
+
+def test_at_the_ratio_of_bonds_nothing_is_made(monkeypatch):
+    """Counted: no dilatation, no virial, no loops of it; and the bits of a body that never heard of a ratio."""
+    import skfem_peridynamics.model.dilatation as module
+
+    def never(*args, **options):
+        raise AssertionError("made for nothing")
+
+    monkeypatch.setattr(module, "make_dilatation", never)
+    plain = make(2, 8, nu=None)
+    same = make(2, 8, nu=0.25)
+    u = moved(plain)
+    for body in (plain, same):
+        monkeypatch.setattr(type(body.engine), "virial", never)
+        assert body.dilatation is None
+        assert body.bounding_weights() is None
+    assert same.force(u).tobytes() == plain.force(u).tobytes()
+    assert same.energy(u) == plain.energy(u)
+    assert (same.tangent(u) != plain.tangent(u)).nnz == 0
+
+
+AWKWARD = [(2, 6, "random"), (2, 6, "graded"), (3, 3, "random")]
+
+
+@pytest.mark.parametrize(("dim", "n", "kind"), AWKWARD)
+@pytest.mark.parametrize("nu", [-0.9, -0.3, 0.0, 0.2, 0.3, 0.45, 0.49])
+def test_dense_spectra(dim, n, kind, nu):
+    """K is not negative and has the rigid motions alone for its kernel; bounds at rest hold."""
+    body = make(dim, n, nu=nu, kind=kind, horizon=3.2 / n)
+    M = peri.mass_matrix(body.basis)
+    K = body.stiffness().toarray()
+    lam, rigid = np.linalg.eigvalsh(K), dim * (dim + 1) // 2
+    assert lam[0] > -1e-12 * lam[-1]
+    assert lam[rigid - 1] < 1e-12 * lam[-1]
+    assert lam[rigid] > 1e-6 * lam[-1]
+    top = np.linalg.eigvalsh(K / np.sqrt(np.outer(M.diagonal(), M.diagonal())))[-1]
+    limit = peri.stable_time_step(body, M)
+    assert limit.dt <= 2 / np.sqrt(top) * (1 + 1e-9)
+    assert limit.products == 0 or limit.dt > 0.99 * 2 / np.sqrt(max(top, limit.bonds))
+    assert 2 / np.sqrt(limit.eigenvalue) == pytest.approx(2 / np.sqrt(top), rel=1e-3)
+    assert top <= limit.nodal_bound * (1 + 1e-9)
+    elastic = body.elastic
+    factor = 1 + max(0.0, dim * (elastic.lame - elastic.shear) / (elastic.shear * (dim + 2)))
+    bonds = np.linalg.eigvalsh(body.assemble([b.rest_stiffness for b in body.blocks]).toarray())[-1]
+    assert lam[-1] <= factor * bonds * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("nu", [-0.9, -0.3, 0.3, 0.45])
+@pytest.mark.parametrize(("dim", "n", "kind"), AWKWARD)
+def test_energy_is_never_negative_and_bounds_hold_at_any_state(dim, n, kind, nu):
+    """Softened, torn and squeezed states: energy, the nodal bound there, and the bound for all states."""
+    body = make(dim, n, nu=nu, kind=kind, horizon=3.2 / n)
+    M = peri.mass_matrix(body.basis).diagonal()
+    scaled = np.sqrt(np.outer(M, M))
+    rest = np.linalg.eigvalsh(body.stiffness().toarray() / scaled)[-1]
+    bonds = np.linalg.eigvalsh(body.assemble([b.rest_stiffness for b in body.blocks]).toarray() / scaled)[-1]
+    everywhere = peri.bound_of_all_states(body, M)
+    most, random = 0.0, np.random.default_rng(5)
+    soft = body.law.inflection / np.sqrt(body.bonds.horizon)
+    for _ in range(50):
+        size = soft * 10 ** random.uniform(-1.0, 1.0)
+        A = random.standard_normal((dim, dim)) * random.choice([0.0, 1.0])
+        squeeze = random.choice([0.0, -1.0, 1.0]) * np.eye(dim)
+        u = size * ((A + squeeze) @ body.bonds.mesh.p).T.ravel()
+        u += size * random.standard_normal(len(u)) * random.choice([0.0, 0.1, 0.5]) / n
+        assert body.energy(u) >= 0.0
+        top = np.linalg.eigvalsh(body.tangent(u).toarray() / scaled)[-1]
+        assert top <= nodal_bounds(body, M, body.bounding_weights(u))[0] * (1 + 1e-9) + 1e-12 * rest
+        assert top <= everywhere * (1 + 1e-9)
+        most = max(most, top / rest)
+    print(
+        f"{dim}D {kind} nu = {nu}: largest over rest {most:.4f}, over bonds {most * rest / bonds:.4f}, bound {everywhere / rest:.2f}"
+    )
+    assert most * rest / max(bonds, rest) < 1.06  # at most 1.047 measured (-s)
+    assert 4 / peri.stable_time_step(body, peri.mass_matrix(body.basis)).dt ** 2 >= max(bonds, rest) * (1 - 1e-9)
