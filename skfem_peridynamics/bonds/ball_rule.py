@@ -41,9 +41,9 @@ class BallRule:
 
     What is not given follows the mesh, so that the rule converges with it: with ``m`` the horizon over the lower
     quartile of the sizes of vertices, ``3/4 m`` nodes, at least 3, and ``2 m`` directions in 2D (a multiple of 4),
-    ``0.8 m^2`` in 3D, at least 8. Bonds of an outer point then grow with ``m`` in 1D, ``m^2`` in 2D, ``m^3`` in 3D, as
-    vertex pairs do: 24 at ``m = 4`` in 2D, 96 at 8, 216 at 12. Counts that are given stay: a cost that does not grow,
-    and an error that does not fall any more.
+    ``2.75 m^2`` in 3D, at least 8. Bonds of an outer point then grow with ``m`` in 1D, ``m^2`` in 2D, ``m^3`` in 3D, as
+    vertex pairs do: 24 at ``m = 4`` in 2D, 96 at 8, 216 at 12; in 3D 165 at 4. Counts that are given stay: a cost that
+    does not grow, and an error that does not fall any more.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ class BallRule:
         # 4 vertices per horizon are 4 to the last bits only
         radial = max(_FEWEST[0], round(0.75 * m))
         # in 2D a multiple of 4: of other counts some direction lies along an axis or a diagonal, and so do facets
-        angular = max(_FEWEST[1], 4 * round(0.5 * m) if dim == 2 else floor(0.8 * m * m + _ROUNDING)) if dim > 1 else 1
+        angular = max(_FEWEST[1], 4 * round(0.5 * m) if dim == 2 else floor(2.75 * m * m + _ROUNDING)) if dim > 1 else 1
         if dim == 3:
             angular = min(angular, largest_half_sphere())
         return dataclasses.replace(self, radial=self.radial or radial, angular=self.angular or angular)
