@@ -24,6 +24,7 @@ def dispersion(
     density: float,
     influence: Any = "constant",
     wave: str = "P",
+    volumetric: float = 0.0,
 ) -> Floats:
     """Return the angular frequency of plane waves ``exp(i (k.x - omega t))``.
 
@@ -46,6 +47,8 @@ def dispersion(
         ``J(s)``.
     wave : {"P", "S"}, optional
         Polarised along k, or across (not in 1D).
+    volumetric : float, optional
+        ``lambda - mu``, of an energy beside the bonds; S waves have no volumetric strain.
 
     Returns
     -------
@@ -75,6 +78,10 @@ def dispersion(
     weight = np.tile(0.5 * w / _PANELS, _PANELS) * J(s) * s ** (dim - 2)
     total = _angular(kappa[..., None] * s, dim, wave) @ weight
     symbol: Floats = 4.0 * slope / (density * horizon**2 * UNIT_BALL[dim]) * total
+    if wave == "P" and volumetric:
+        # the volumetric strain of the wave exp(i k.x) n is i e, with e = k for long waves
+        strain = _ratio_of_strain(kappa[..., None] * s, dim) @ (weight * s) / (weight @ s**2)
+        symbol += volumetric * (strain / horizon) ** 2 / density
     return np.sqrt(np.maximum(symbol, 0.0))  # round-off at k = 0
 
 
@@ -93,6 +100,14 @@ def _angular(a: Floats, dim: int, wave: str) -> Floats:
     along: Floats = 4.0 * pi * (1.0 / 3.0 - spherical_jn(0, a) + 2.0 * bend)
     across: Floats = 0.5 * (4.0 * pi * (1.0 - spherical_jn(0, a)) - along)
     return along if wave == "P" else across
+
+
+def _ratio_of_strain(a: Floats, dim: int) -> Floats:
+    """``d`` times the mean of ``e.n sin(a e.n)`` over unit vectors e."""
+    from scipy.special import j1, spherical_jn
+
+    mean: Floats = np.sin(a) if dim == 1 else 2.0 * j1(a) if dim == 2 else 3.0 * spherical_jn(1, a)
+    return mean
 
 
 def _ratio(function: Any, a: Floats, at_zero: float) -> Floats:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import floor
 
 import numpy as np
 
@@ -25,7 +24,6 @@ from .rule import Part
 from .samples import Samples, gauss_count, gauss_samples, vertex_samples
 
 _FEWEST = (3, 8)  # nodes and directions of a rule that follows the mesh
-_ROUNDING = 1e-6
 _LOOSE = 1e-6  # of the median stiffness of a vertex and its volume: less is no stiffness
 
 
@@ -127,7 +125,7 @@ class BallRule:
         # 4 vertices per horizon are 4 to the last bits only
         radial = max(_FEWEST[0], round(0.75 * m))
         # in 2D a multiple of 4: of other counts some direction lies along an axis or a diagonal, and so do facets
-        angular = max(_FEWEST[1], 4 * round(0.5 * m) if dim == 2 else floor(2.75 * m * m + _ROUNDING)) if dim > 1 else 1
+        angular = max(_FEWEST[1], 4 * round(0.5 * m) if dim == 2 else round(2.75 * m * m)) if dim > 1 else 1
         if dim == 3:
             angular = min(angular, largest_half_sphere())
         return dataclasses.replace(self, radial=self.radial or radial, angular=self.angular or angular)
