@@ -113,7 +113,7 @@ def census(body: Peridynamics, u: Floats) -> Census:
     (1, 0.0, 0.5)
     """
 
-    return _census(body, body.each_block(u, _count_bonds))
+    return _census(body, body.each_block(u, _count_bonds), u)
 
 
 def census_and_damage(body: Peridynamics, u: Floats) -> tuple[Census, Damage]:
@@ -128,7 +128,7 @@ def census_and_damage(body: Peridynamics, u: Floats) -> tuple[Census, Damage]:
     (1, [1.0, 1.0, 0.5, 0.5, 1.0])
     """
     rows = list(body.each_block(u, lambda block, T: (_count_bonds(block, T), _bonds_of_samples(block, T))))
-    return _census(body, (counted for counted, _ in rows)), _damage(body, (sampled for _, sampled in rows))
+    return _census(body, (counted for counted, _ in rows), u), _damage(body, (sampled for _, sampled in rows))
 
 
 def _count_bonds(block: Block, T: Floats) -> tuple[float, Longs, float, float, float]:
@@ -146,13 +146,14 @@ def _count_bonds(block: Block, T: Floats) -> tuple[float, Longs, float, float, f
     return largest, soft, float(energy.sum()), lost, cut
 
 
-def _census(body: Peridynamics, counted: Iterable[tuple[float, Longs, float, float, float]]) -> Census:
+def _census(body: Peridynamics, counted: Iterable[tuple[float, Longs, float, float, float]], u: Floats) -> Census:
     """Add up what the blocks counted, block by block."""
     rows = list(counted)
+    dilatation = 0.0 if body.dilatation is None else body.dilatation.energy(body.engine.virial(u))
     return Census(
         max((row[0] for row in rows), default=0.0),
         sum(len(row[1]) for row in rows),
-        sum(row[2] for row in rows),
+        sum(row[2] for row in rows) + dilatation,
         sum(row[3] for row in rows),
         (sum(row[4] for row in rows) + (body.cut if isinstance(body, Breaking) else 0.0)) / body.crossing,
         body.state.count if isinstance(body, Breaking) else 0,

@@ -98,13 +98,14 @@ def j_integral(
     _check_ring(mesh, q, along)
     part = mesh.restrict(inside)
     vertices = np.unique(mesh.t[:, inside])
-    lame, density, critical = (constant[inside] for constant in _constants(body))
+    lame, shear, density, critical = (constant[inside] for constant in _constants(body))
     dofs = (2 * vertices[:, None] + np.arange(2)).ravel()
     whole = _worst_edge(part, u[dofs]) <= critical
-    lame, density = lame * whole, density * whole
+    lame, shear, density = lame * whole, shear * whole, density * whole
     G = gradients(part, u[dofs])
     strain = 0.5 * (G + np.swapaxes(G, 1, 2))
-    stress = lame[:, None, None] * (np.trace(strain, axis1=1, axis2=2)[:, None, None] * np.eye(2) + 2.0 * strain)
+    trace = np.trace(strain, axis1=1, axis2=2)
+    stress = (lame * trace)[:, None, None] * np.eye(2) + (2.0 * shear)[:, None, None] * strain
     W = 0.5 * np.einsum("nij,nij->n", stress, strain)
     volume = element_volumes(part)
     dq = gradients(part, np.repeat(q[vertices], 2))[:, 0]
@@ -145,8 +146,8 @@ def _worst_edge(mesh: Mesh, u: Floats) -> Floats:
     return worst
 
 
-def _constants(body: Peridynamics) -> tuple[Floats, Floats, Floats]:
-    """Lamé constant, density, and critical scaled strain of each element."""
+def _constants(body: Peridynamics) -> tuple[Floats, Floats, Floats, Floats]:
+    """Lamé constants, density, and critical scaled strain of each element."""
     material: Any = body.material
     mesh, dim = body.bonds.mesh, body.bonds.dim
     if not hasattr(material, "laws") and not hasattr(material, "elastic"):
@@ -162,8 +163,9 @@ def _constants(body: Peridynamics) -> tuple[Floats, Floats, Floats]:
         each, member = [body.elastic], np.zeros(int(mesh.nelements), dtype=np.int64)
     constants = (
         [member_material.lame for member_material in each],
+        [member_material.shear for member_material in each],
         [member_material.density for member_material in each],
         [law.inflection for law in body.laws],
     )
-    lame, density, critical = (np.array(constant, dtype=float)[member] for constant in constants)
-    return lame, density, critical
+    lame, shear, density, critical = (np.array(constant, dtype=float)[member] for constant in constants)
+    return lame, shear, density, critical

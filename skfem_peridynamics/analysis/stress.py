@@ -93,11 +93,12 @@ def stress(body: Peridynamics, u: Floats) -> Floats:
     """
     samples, dim = body.bonds.samples, body.bonds.dim
     total = np.zeros((samples.nsamples, dim * dim))
+    pressure = body.pressure(u)
 
     def of_block(block: Block, T: Floats) -> tuple[slice, Floats]:
         p = block.directions()  # e / sqrt(r)
         xi = block.part.vectors() if block.which is None else block.part.vectors()[block.which]
-        pull = (block.k * block.law.gradient(T))[:, None] * p
+        pull = block.tension(T, pressure)[:, None] * p
         each = (pull[:, :, None] * xi[:, None, :]).reshape(len(T), -1)
         sampled: Floats = block.incidence(1.0).T @ each
         return block.window, sampled

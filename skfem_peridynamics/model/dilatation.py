@@ -11,25 +11,22 @@ A torn bond pulls with nothing: an open crack carries no dilatation. ``unit`` is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sparse
 
 from .._memory import check_room
-from .._types import Csr, Floats
+from .._types import Csr, Floats, Longs
 from ..bonds.bond_basis import BondBasis
+from ..bonds.samples import Samples
 from ..engine.block import Beside, Block
 from ..geometry.simplices import element_volumes
 from ..material.composite import Composite
 from ..material.material import FACTOR
 from ..material.potential import Potential
 from ..material.volumetric import Volumetric
-
-if TYPE_CHECKING:
-    from .peridynamics import Peridynamics
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,37 +123,46 @@ def _shares(bonds: BondBasis, composite: Composite | None) -> Floats:
     return out / out.sum(axis=0)
 
 
-def bounding_weights(body: Peridynamics, weights: Sequence[Floats] | None, u: Floats | None) -> list[Floats]:
+def bounding_weights(
+    dilatation: Dilatation,
+    samples: Samples,
+    blocks: Sequence[Block],
+    weights: Sequence[Floats] | None = None,
+    bends: Iterable[Floats] = (),
+    virial: Floats | None = None,
+) -> list[Floats]:
     """Return weights of bonds whose matrix is at least that of bonds and dilatation.
 
+    At rest, or at a state with these ``weights`` and second derivatives F1'' of the bonds, ``bends``, and that virial.
     By Cauchy and Schwarz ``R_i^2 <= d unit_i sum_b k (F1'')^2 / (4 f'(0)) T_b^2 Phi_ib``: each bond takes
     ``d (chi_x + chi_y) k (F1'')^2 / (4 f'(0))`` more, with chi the curvature of the energy where it is positive.
     """
-    dilatation = body.dilatation
-    assert dilatation is not None
-    virial = None if u is None else body.engine.virial(u)
-    chi = body.bonds.samples.take(dilatation.dim * np.maximum(dilatation.curvature(virial), 0.0))
-    if u is None or weights is None:
-        return [block.rest_stiffness * (1.0 + 0.5 * block.pressures(chi)) for block in body.blocks]
-    bends = body.each_block(u, lambda block, T: block.law.hessian(T))
+    chi = samples.take(dilatation.dim * np.maximum(dilatation.curvature(virial), 0.0))
+    if weights is None:
+        return [block.rest_stiffness * (1.0 + 0.5 * block.pressures(chi)) for block in blocks]
     return [
         weight + block.k * bend**2 * block.pressures(chi) / (4.0 * block.law.slope)
-        for weight, block, bend in zip(weights, body.blocks, bends, strict=True)
+        for weight, block, bend in zip(weights, blocks, bends, strict=True)
     ]
 
 
-def assembled(body: Peridynamics, K: Csr, beside: Beside) -> Csr:
+def assembled(
+    K: Csr,
+    beside: Beside,
+    bonds: BondBasis,
+    blocks: Sequence[Block],
+    at_vertices: Callable[[Block], tuple[Longs, Csr, sparse.csc_matrix]],
+) -> Csr:
     """Return the matrix K of the bonds with that of the dilatation; it reaches two horizons."""
-    bonds, size = body.bonds, body.basis.N
     entries = int(K.nnz * 2.0**bonds.dim)
     check_room(
         12.0 * 2.0 * entries,
         f"a matrix of bonds and dilatation with some {entries:,} entries",
         "stiffness_operator() and tangent_operator(u) need none of it",
     )
-    R = sparse.csr_matrix((int(bonds.mesh.nvertices), size))
-    for number, block in enumerate(body.blocks):
-        dofs, B, _ = body.at_vertices(block)
+    R = sparse.csr_matrix((int(bonds.mesh.nvertices), K.shape[0]))
+    for number, block in enumerate(blocks):
+        dofs, B, _ = at_vertices(block)
         rate = block.rates(None) if beside.rates is None else beside.rates[number]
         P = bonds.samples.matrix[block.window]
         local = ((P.T @ block.both_ends()[0].T) @ B.multiply(rate[:, None])).tocoo()

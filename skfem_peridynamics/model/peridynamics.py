@@ -445,7 +445,10 @@ class Peridynamics:
             return weights
         from .dilatation import bounding_weights
 
-        return bounding_weights(self, weights, u)
+        if u is None:
+            return bounding_weights(self.dilatation, self.bonds.samples, self.blocks)
+        bends, virial = self.each_block(u, lambda block, T: block.law.hessian(T)), self.engine.virial(self._vector(u))
+        return bounding_weights(self.dilatation, self.bonds.samples, self.blocks, weights, bends, virial)
 
     def _beside(self, u: Floats | None = None) -> Beside | None:
         """What the dilatation adds to the stiffness, or to the tangent at u."""
@@ -460,7 +463,7 @@ class Peridynamics:
         from .dilatation import assembled
 
         assert beside is not None
-        return assembled(self, K, beside)
+        return assembled(K, beside, self.bonds, self.blocks, self.at_vertices)
 
     def _operator(self, weights: Sequence[Floats] | None, beside: Beside | None) -> LinearOperator:
         def apply(x: Floats, transposed: bool = False) -> Floats:

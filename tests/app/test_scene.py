@@ -46,8 +46,8 @@ BAD = {
     "zero horizon": (change("0.13}\ncrack", "0}\ncrack"), "bonds.horizon = 0 must be a positive number"),
     "no bonds": (change("horizon = 0.13", "horizon = 0.02"), "leaves vertex 0 at (0, 0) without a bond"),
     "poisson": (
-        change('plane = "stress"', 'plane = "stress", poisson = 0.3'),
-        "material: poisson = 0.3: a bond-based law has one elastic constant",
+        change('plane = "stress"', 'plane = "stress", poisson = 1.3'),
+        "material: poisson = 1.3: in plane stress Poisson's ratio lies between -1 and 1",
     ),
     "no plane": (change(', plane = "stress"', ""), "material: plane = None: a body in 2D is in plane"),
     "crack outside": (
@@ -244,7 +244,7 @@ def test_a_load_that_stops_being_a_number_is_the_scenes_fault(tmp_path, capsys):
 def test_check_refuses_what_run_refuses(tmp_path, capsys):
     for content, message in (
         (BAD["no bonds"][0], "without a bond"),
-        (BAD["poisson"][0], "one elastic constant"),
+        (BAD["poisson"][0], "Poisson's ratio lies between"),
         (
             change('plane = "stress"', 'plane = "stress", calibrate = "discrete"').replace("0.13}", "0.4}"),
             "no vertex lies",

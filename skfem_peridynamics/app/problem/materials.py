@@ -11,8 +11,15 @@ from ..scene.reading import blame
 from ..scene.scene import Scene
 from .domain import tag
 
-# keys of which a material takes one: what an inclusion says of the second takes the place of the first
-_EXCLUSIVE = (("young", "lame"), ("toughness", "K_Ic"))
+# what an inclusion says of one key takes the place of what the matrix says of these
+_REPLACED = {
+    "young": ("lame", "mu", "bulk"),
+    "lame": ("young", "poisson", "bulk"),
+    "bulk": ("young", "poisson", "lame"),
+    "mu": ("young", "poisson"),
+    "toughness": ("K_Ic",),
+    "K_Ic": ("toughness",),
+}
 
 
 def make_material(scene: Scene, mesh: Mesh) -> Material | Composite:
@@ -31,9 +38,8 @@ def make_material(scene: Scene, mesh: Mesh) -> Material | Composite:
         given = {key: value for key, value in dataclasses.asdict(inclusion).items() if value is not None}
         for key in ("region", "where"):
             given.pop(key, None)
-        for pair in _EXCLUSIVE:
-            if any(key in given for key in pair):
-                given = dict.fromkeys(pair) | given
+        for key in tuple(given):
+            given = dict.fromkeys(_REPLACED.get(key, ())) | given
         with blame(f"inclusion[{k}]"):
             inclusions[tag(inclusion, k)] = matrix.with_(**given)
     composite = Composite(matrix, inclusions, between)

@@ -15,7 +15,7 @@ _T = TypeVar("_T")
 # what people write for a key
 _SYMBOLS = {
     **{"nu": "poisson", "E": "young", "rho": "density", "G_c": "toughness", "Gc": "toughness", "K_IC": "K_Ic"},
-    **{"mu": "lame", "lambda": "lame", "eps": "horizon", "delta": "horizon", "J": "influence", "dt": "step"},
+    **{"lambda": "lame", "K": "bulk", "G": "mu", "eps": "horizon", "delta": "horizon", "J": "influence", "dt": "step"},
     **{"T": "until", "t_end": "until", "filename": "file", "u": "displacement", "v": "velocity"},
 }
 LARGEST = 1e100  # powers of it must stay numbers
