@@ -53,6 +53,7 @@ SCHEMES = {
     "consistent mass, ball rule": SMALL.replace("horizon = 0.13}", 'horizon = 0.13, rule = "ball"}').replace(
         "until = 3.0", "until = 1.0"
     ),
+    "any Poisson ratio, breaking": SMALL.replace('plane = "stress"', 'plane = "stress", poisson = 0.2, breaking = 1.2'),
     "Newmark": SMALL.replace("until = 3.0}", 'until = 3.0, scheme = "newmark", step = 0.1}'),
     "statics": CANTILEVER
     + 'time = {until = 1.0, scheme = "static", steps = 12}\n'

@@ -32,6 +32,9 @@ _SPARSE_FORCE, _SPARSE_STEP, _COMPILED_STEP = 7e-9, 22e-9, 6e-9
 # seconds of any set-up, of a vertex, of a bond by dimension (slits are looked at), of a bond whose weights are balanced
 _SETUP, _VERTEX, _BOND, _BALANCED_BOND = 0.3, 3e-6, {1: 3e-7, 2: 1e-6, 3: 2.2e-6}, 6e-5
 _BALANCED_PAIR = {1: 6e-5, 2: 3e-7, 3: 1.5e-6}  # the same of vertex pairs
+# a force with a dilatation over one without (docs/benchmarks/dilatation.py), and bytes of the matrix that sums both
+# ends of a bond, where sparse products compute
+_DILATED, _BOTH_ENDS = 1.9, 40
 _CALL = {True: 1e-4, False: 6e-4}  # seconds of an explicit step, and of an implicit evaluation, whatever the body
 # seconds a vertex of a frame; of pictures, and a vertex in them; of a row of the history, and a bond in it
 _IN_FRAME, _DRAWING, _DRAWN, _ROW, _IN_ROW = 6e-6, 1.5, 5e-5, 2e-3, 1e-8
@@ -54,12 +57,13 @@ def seconds_of_run(
     rows: int = 0,
     pairs: bool = False,
     pictures: bool = False,
+    dilated: bool = False,
 ) -> dict[str, float]:
     """Return about how many seconds the phases of a run take on two cores; `docs/benchmarks/estimates.py` compares."""
 
     def a_bond(evaluations: float) -> float:
         compiled = installed() and worth_compiling(nbonds, evaluations)
-        return _COMPILED_STEP if compiled else _SPARSE_STEP
+        return (_COMPILED_STEP if compiled else _SPARSE_STEP) * (_DILATED if dilated else 1.0)
 
     forces = steps if explicit else steps * PER_IMPLICIT_STEP
     each = _BOND[dim] + ((_BALANCED_PAIR[dim] if pairs else _BALANCED_BOND) if balanced else 0.0)
@@ -73,7 +77,14 @@ def seconds_of_run(
 
 
 def memory_of_run(
-    mesh: Mesh, rule: Rule, nbonds: int, balanced: bool, *, evaluations: float = PRODUCTS, pictures: bool = False
+    mesh: Mesh,
+    rule: Rule,
+    nbonds: int,
+    balanced: bool,
+    *,
+    evaluations: float = PRODUCTS,
+    pictures: bool = False,
+    dilated: bool = False,
 ) -> int:
     """Return the bytes of a run: bonds as made and as computed with, mesh, fields, pictures, and the program itself.
 
@@ -86,6 +97,8 @@ def memory_of_run(
         8 * nbonds if compiled else matrix_bytes(nbonds, dim, BallBonds if is_ball else PairBonds), MATRIX_MEMORY
     )
     listed = 24 if compiled else _BALL_LISTED if is_ball else 64
+    if dilated and (is_ball or not compiled):
+        listed += _BOTH_ENDS * (2 if is_ball else 1)
     most, each = _MAKING
     bonds = max(nbonds * listed + matrices, nbonds * 24 + min(most, nbonds * each))
     if balanced:

@@ -179,6 +179,19 @@ class Problem:
         """About how many bonds the rule makes, before it makes them."""
         return self.rule.estimate(self.mesh, self.scene.bonds.horizon)
 
+    @cached_property
+    def dilated(self) -> float:
+        """By how much a dilatation beside the bonds can raise the largest eigenvalue, in parts; -1 without one."""
+        dim, most = int(self.mesh.dim()), -1.0
+        for material in self.materials:
+            with blame("material"):
+                law = material.law(dim, 1.0)
+                beside = material.volumetric_energy(law, dim, 1.0)
+            if beside is not None:
+                shear = material.elastic(law, dim, 1.0).shear
+                most = max(most, 0.0, dim * beside.modulus / (shear * (dim + 2)))
+        return most
+
     @property
     def expected_bytes(self) -> int:
         """Memory of the run."""
@@ -191,6 +204,7 @@ class Problem:
             self.discretisation.balanced,
             evaluations=PRODUCTS + steps * (1 if self.explicit else PER_IMPLICIT_STEP),
             pictures=output.pictures is not False and find_spec("matplotlib") is not None,
+            dilated=self.dilated >= 0.0,
         )
 
     def check_memory(self) -> None:
@@ -208,9 +222,9 @@ class Problem:
         regions = [self.vertices(table, f"no_fail[{k}]") for k, table in enumerate(self.scene.no_fail)]
         no_fail = np.unique(np.concatenate(regions)) if regions else None
         breaking = self.scene.material.breaking
-        body = Peridynamics(self.bonds, self.material, no_fail=no_fail)
-        if breaking is not None:
-            with blame("material"):
+        with blame("material"):
+            body = Peridynamics(self.bonds, self.material, no_fail=no_fail)
+            if breaking is not None:
                 body = Breaking(self.bonds, self.material, no_fail=no_fail, at=breaking)
         with blame("material"):
             _ = body.laws

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...geometry.simplices import vertex_sizes
+from ...material.elastic import state as plane_state
 from ...solve.central_difference import central_difference
 from ...solve.instability import Watch
 from ...solve.newmark import newmark
@@ -15,6 +16,7 @@ from ...solve.static import static
 from ..scene.reading import blame
 from .problem import Problem
 
+_NEAR = 0.02  # Poisson ratios so near to that of bonds alone are told apart by few tables
 _FEW = 1.5  # vertices per horizon: with fewer a lattice has bonds along its edges alone
 
 
@@ -65,6 +67,13 @@ def remarks(problem: Problem) -> list[str]:
             f"bonds.horizon = {problem.scene.bonds.horizon:g} spans {spanned:.2g} vertices: bonds reach hardly more "
             "than the nearest neighbours, and waves and cracks follow the mesh; take 3 vertices per horizon, or 4"
         )
+    for material in problem.materials:
+        nu = plane_state(int(problem.mesh.dim()), material.plane)[1]
+        if problem.dilated >= 0.0 and nu is not None and 0.0 < abs((material.poisson or nu) - nu) < _NEAR:
+            out.append(
+                f"poisson = {material.poisson:g} is near {nu:.4g}, which bonds alone have: there nothing is added to "
+                "them, and a force takes half the time"
+            )
     at = problem.scene.material.breaking
     if at is not None:
         law = next(law for law in problem.body_at_rest.laws if np.isfinite(law.inflection))

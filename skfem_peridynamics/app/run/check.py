@@ -77,7 +77,7 @@ def _expected(problem: Problem) -> tuple[float, list[tuple[str, str]]]:
     if not isfinite(lam):
         unknown = "not known before the bonds are made: in 1D the exact integrals have no bound"
         return inf, [*rows, ("steps", unknown)]
-    steps = ceil(time.until * lam**0.5 / 2 / time.part)
+    steps = ceil(time.until * (lam * (1.0 + max(0.0, problem.dilated))) ** 0.5 / 2 / time.part)
     return steps, [*rows, ("steps", f"at most about {steps}")]
 
 
@@ -94,6 +94,7 @@ def _seconds(problem: Problem, nbonds: int, steps: float) -> str:
         dim=int(problem.mesh.dim()),
         rows=scene.output.history,
         pairs=at_vertices(problem.rule),
+        dilated=problem.dilated >= 0.0,
         pictures=scene.output.pictures is not False and figure.available(),
     )
     listed = ", ".join(f"{name} {value:.2g} s" for name, value in parts.items() if isfinite(value))

@@ -1,0 +1,90 @@
+"""Scenes of any Poisson ratio: what they say, cost, refuse, and what inclusions take from the matrix."""
+
+import json
+
+import numpy as np
+import pytest
+
+from skfem_peridynamics import Scene, run
+from skfem_peridynamics.app.cli.main import main
+from skfem_peridynamics.app.problem.problem import Problem
+from skfem_peridynamics.app.run.check import check
+from small_scenes import GOOD, change, complaint
+
+
+def solid(said, **more):
+    return change('plane = "stress"}', f'plane = "stress", {said}' + "}")
+
+
+def test_a_run_reports_its_constants(tmp_path):
+    summary = run(Scene.parse(solid("poisson = 0.2")), tmp_path / "out")
+    elastic = json.loads((tmp_path / "out" / "summary.json").read_text())["elastic"]
+    assert elastic["poisson"] == pytest.approx(0.2)
+    assert elastic["lame"] == pytest.approx(0.2 / 0.96)
+    assert elastic["mu"] == pytest.approx(1 / 2.4)
+    alone = run(Scene.parse(GOOD), tmp_path / "alone")
+    assert abs(summary["energy_drift"]) < 1.2 * abs(alone["energy_drift"])
+    assert summary["steps"] > alone["steps"] - 3
+
+
+@pytest.mark.parametrize(
+    ("inclusion", "nu", "young"),
+    [
+        ("young = 3.0", 0.2, 3.0),
+        ("poisson = 0.4", 0.4, 1.0),
+        ("young = 3.0, poisson = 0.0", 0.0, 3.0),
+        ("lame = 1.0, mu = 1.0", 1 / 3, 8 / 3),
+        ("lame = 1.0", 1 / 3, 8 / 3),
+        ("bulk = 2.0, mu = 1.0", 1 / 3, 8 / 3),
+        ("density = 2.0", 0.2, 1.0),
+    ],
+)
+def test_an_inclusion_takes_what_it_does_not_say_from_the_matrix(inclusion, nu, young):
+    text = solid("poisson = 0.2") + "[[inclusion]]\nwhere = 'x - 0.5'\n" + inclusion.replace(", ", "\n")
+    problem = Problem(Scene.parse(text))
+    material = problem.materials[1]
+    elastic = material.elastic(material.law(2, 0.3), 2, 0.3)
+    assert (elastic.poisson, elastic.young) == pytest.approx((nu, young))
+
+
+def test_check_knows_what_it_costs():
+    rows = {
+        name: dict(check(Scene.parse(solid(f"poisson = {nu}")))) for name, nu in (("with", 0.2), ("without", 1 / 3))
+    }
+    limit = [float(rows[name]["steps"].split()[2].rstrip(",")) for name in ("with", "without")]
+    assert np.isfinite(limit).all()
+    from skfem_peridynamics.app.problem.cost import seconds_of_run
+
+    given = {"explicit": True, "balanced": False, "frames": 0}
+    with_it, without = (
+        seconds_of_run(1000, 10**6, 1000, **given, dilated=dilated)["steps"] for dilated in (True, False)
+    )
+    assert 1.5 < with_it / without < 2.0
+    assert "note" not in rows["with"]
+
+
+def test_a_ratio_beside_that_of_bonds_is_remarked_on(capsys, tmp_path):
+    (tmp_path / "scene.toml").write_text(solid("poisson = 0.33"))
+    assert main(["check", str(tmp_path / "scene.toml")]) == 0
+    told = capsys.readouterr().out
+    assert "poisson = 0.33 is near 0.3333, which bonds alone have" in " ".join(told.split())
+    for same in ("poisson = 0.333333333", "poisson = 0.2"):
+        (tmp_path / "scene.toml").write_text(solid(same))
+        main(["check", str(tmp_path / "scene.toml")])
+        assert "is near" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (solid("poisson = 1.0"), "material: poisson = 1: in plane stress Poisson's ratio lies between -1 and 1"),
+        (solid("mu = 1.0"), "material: mu = 1 goes with lame or with bulk, not with young"),
+        (
+            solid("poisson = 0.2").replace("0.13}\ncrack", '0.13, rule = "ball", symmetric = false}\ncrack'),
+            "symmetric rule",
+        ),
+        (GOOD.replace("young = 1.0", "lame = -3.0, mu = 1.0"), "material: lame = -3 with mu = 1 is Poisson's ratio"),
+    ],
+)
+def test_what_is_refused(capsys, tmp_path, content, message):
+    assert message in complaint(capsys, tmp_path, content)
