@@ -27,7 +27,7 @@ def j_integral(
 ) -> float:
     """Return the energy release rate of a crack with this tip that grows in this direction, in 2D.
 
-    It is the domain form of Rice's integral with the stress of the strains (Hooke's, lambda = mu), ``int (sigma_ij
+    It is the domain form of Rice's integral with the stress of the strains (Hooke's), ``int (sigma_ij
     u_i,1 - W delta_1j) q_,j``; q falls from 1 at ``inner`` to 0 at ``radius``. In the ring the body is taken for a
     local, linear one; what is left is of order ``(eps/inner)^2``. The ring runs around the tip from one face of the
     crack to the other, which must be free of load there. A crack that has grown is a band of torn elements, with

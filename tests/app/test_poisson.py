@@ -4,7 +4,10 @@ import json
 
 import numpy as np
 import pytest
+import skfem
 
+import skfem_peridynamics as peri
+from bodies import vector_basis
 from skfem_peridynamics import Scene, run
 from skfem_peridynamics.app.cli.main import main
 from skfem_peridynamics.app.problem.problem import Problem
@@ -88,3 +91,17 @@ def test_a_ratio_beside_that_of_bonds_is_remarked_on(capsys, tmp_path):
 )
 def test_what_is_refused(capsys, tmp_path, content, message):
     assert message in complaint(capsys, tmp_path, content)
+
+
+def test_the_step_of_a_mesh_file(tmp_path, capsys):
+    """As of a body in Python; nothing of it at the ratio of bonds."""
+    mesh = skfem.MeshTri.init_tensor(*[np.linspace(0, 1, 9)] * 2)
+    mesh.save(tmp_path / "square.msh")
+    bonds = peri.BondBasis(vector_basis(mesh), 0.4)
+    for nu, same in ((None, None), (None, "0.333333333"), (0.45, "0.45"), (-0.5, "-0.5")):
+        more = [] if same is None else [f"--poisson={same}"]
+        command = ["cfl", "--mesh", str(tmp_path / "square.msh"), "--horizon", "0.4", "--young", "1", "--density", "2"]
+        assert main([*command, "--plane", "stress", "--json", *more]) == 0
+        solid = peri.Material.from_elastic(young=1.0, poisson=nu, density=2.0, plane="stress", potential="linear")
+        limit = peri.stable_time_step(peri.Peridynamics(bonds, solid), peri.mass_matrix(bonds.space, density=2.0))
+        assert json.loads(capsys.readouterr().out)["stable_step"] == pytest.approx(limit.dt, rel=1e-12)

@@ -21,7 +21,7 @@ def cfl(arguments: argparse.Namespace) -> int:
     """Print the stable time step of a scene or of a mesh file; return the exit code."""
     flags = [
         name
-        for name in ("mesh", "horizon", "young", "density", "plane", "influence")
+        for name in ("mesh", "horizon", "young", "poisson", "density", "plane", "influence")
         if getattr(arguments, name) is not None
     ]
     if arguments.scene is not None and flags:
@@ -90,7 +90,11 @@ def _scene_of_flags(arguments: argparse.Namespace) -> Scene:
         title=arguments.mesh,
         mesh=MeshTable(file=arguments.mesh),
         material=MaterialTable(
-            density=arguments.density, young=arguments.young, plane=arguments.plane, potential="linear"
+            density=arguments.density,
+            young=arguments.young,
+            poisson=arguments.poisson,
+            plane=arguments.plane,
+            potential="linear",
         ),
         bonds=BondsTable(horizon=arguments.horizon, influence=arguments.influence or "constant"),
         time=TimeTable(until=1.0),

@@ -104,6 +104,7 @@ def make_parser() -> argparse.ArgumentParser:
     cfl.add_argument("--mesh", metavar="FILE")
     cfl.add_argument("--horizon", type=float, metavar="H")
     cfl.add_argument("--young", type=float, metavar="E")
+    cfl.add_argument("--poisson", type=float, metavar="NU", help="that of bonds alone by default")
     cfl.add_argument("--density", type=float, metavar="R")
     cfl.add_argument("--plane", choices=("stress", "strain"))
     cfl.add_argument("--influence", choices=("constant", "conical", "gaussian"), default=None)
