@@ -9,11 +9,11 @@ import sys
 import time
 from pathlib import Path
 
-CASES = ("waves", "toughness", "static_crack", "mode_one", "branching", "kalthoff", "beam")
+CASES = ("waves", "toughness", "static_crack", "mode_one", "branching", "kalthoff", "beam", "poisson")
 DOCS = Path(__file__).parents[2] / "docs" / "evidence"
 HEAD = """# Validation
 
-What the package predicts, beside closed forms, experiments and other simulations: seven cases, each a script (and where
+What the package predicts, beside closed forms, experiments and other simulations: eight cases, each a script (and where
 it is a run, a scene) in `examples/validation/`. `python examples/validation/run_all.py` runs all and writes this page;
 the name of a case prints that one. Error estimates in the last table of a case are the distance to the exact figure
 where there is one, and the energy drift of a run elsewhere.
@@ -25,7 +25,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"some of {', '.join(CASES)}; all by default")
     parser.add_argument(
-        "--quick", action="store_true", help="coarse versions of waves, toughness, static_crack and kalthoff"
+        "--quick", action="store_true", help="coarse versions of waves, toughness, static_crack, kalthoff and poisson"
     )
     arguments = parser.parse_args()
     wrong = [name for name in arguments.cases if name not in CASES]

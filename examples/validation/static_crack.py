@@ -20,7 +20,9 @@ def handbook() -> float:
     return np.sqrt(np.pi * CRACK / np.cos(0.5 * np.pi * a)) * (1.0 - 0.025 * a**2 + 0.06 * a**4)
 
 
-def intensity(n: int, per_horizon: int, rule: str, kind: str = "structured") -> tuple[float, float, int]:
+def intensity(
+    n: int, per_horizon: int, rule: str, kind: str = "structured", poisson: float | None = None
+) -> tuple[float, float, int]:
     """Return K_I / sigma by two rings, and the number of vertices: n edges along half the width."""
     h = WIDE / n
     x, y = np.linspace(-WIDE, WIDE, 2 * n + 1), np.linspace(-HIGH, HIGH, 2 * round(n * HIGH / WIDE) + 1)
@@ -31,7 +33,7 @@ def intensity(n: int, per_horizon: int, rule: str, kind: str = "structured") -> 
     mesh = mesh.with_boundaries({"top": lambda x: x[1] > HIGH - 1e-9, "bottom": lambda x: x[1] < -HIGH + 1e-9})
     mesh = peri.slit(mesh, peri.Crack([[-CRACK, 0.0], [CRACK, 0.0]]))
     basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTriP1()))
-    solid = peri.Material.from_elastic(young=1.0, density=1.0, plane="stress", potential="linear")
+    solid = peri.Material.from_elastic(young=1.0, poisson=poisson, density=1.0, plane="stress", potential="linear")
     chosen = peri.BallRule(outer="vertices") if rule == "ball" else peri.PairRule()
     body = peri.Peridynamics(peri.BondBasis(basis, per_horizon * h, rule=chosen), solid)
     pull = peri.traction(basis, "top", [0.0, 1.0]) + peri.traction(basis, "bottom", [0.0, -1.0])
