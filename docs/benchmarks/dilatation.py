@@ -11,15 +11,16 @@ import time
 import numpy as np
 import skfem
 
-from skfem_peridynamics import BondBasis, Material, PairRule, Peridynamics
+from skfem_peridynamics import BallRule, BondBasis, Material, PairRule, Peridynamics
+from skfem_peridynamics.bonds.rule import Rule
 from skfem_peridynamics.model.space import vector_basis
 
 
-def bodies(dim: int, n: int, threads: int) -> tuple[Peridynamics, Peridynamics]:
+def bodies(dim: int, n: int, threads: int, rule: Rule) -> tuple[Peridynamics, Peridynamics]:
     """The same bonds with lambda = mu, and with another ratio."""
     axis = np.linspace(0.0, 1.0, n + 1)
     mesh = (skfem.MeshTri if dim == 2 else skfem.MeshTet).init_tensor(*[axis] * dim)
-    bonds = BondBasis(vector_basis(mesh), 4.0 / n, rule=PairRule())
+    bonds = BondBasis(vector_basis(mesh), 4.0 / n, rule=rule)
     plane = "stress" if dim == 2 else None
     alone, other = (
         Material.from_elastic(young=1.0, toughness=1.0, density=1.0, plane=plane, poisson=nu) for nu in (None, 0.22)
@@ -33,9 +34,9 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=15)
     options = parser.parse_args()
     print("| body | bonds | threads | force, ms | with dilatation, ms | ratio |\n|---|---|---|---|---|---|")
-    for dim, n in ((2, 150), (3, 28)):
+    for dim, n, rule in ((2, 150, PairRule()), (3, 28, PairRule()), (2, 100, BallRule(3, 8)), (3, 12, BallRule(3, 13))):
         for threads in (1, 2):
-            pair = bodies(dim, n, threads)
+            pair = bodies(dim, n, threads, rule)
             u = 1e-3 * np.random.default_rng(0).standard_normal(pair[0].basis.N) / n
             for body in pair:
                 body.force(u)
@@ -47,7 +48,7 @@ def main() -> None:
                     record.append(1e3 * (time.perf_counter() - start))
             alone, other = (float(np.median(record)) for record in times)
             ratio = float(np.median(np.array(times[1]) / np.array(times[0])))
-            where = f"{dim}D, {n}^{dim} | {pair[0].bonds.nbonds:,}"
+            where = f"{dim}D, {n}^{dim}, {rule.name.split(',')[0]} | {pair[0].bonds.nbonds:,}"
             print(f"| {where} | {threads} | {alone:.2f} | {other:.2f} | {ratio:.2f} |")
 
 

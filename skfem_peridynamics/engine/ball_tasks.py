@@ -14,7 +14,7 @@ from .._threads import Threads
 from .._types import Floats, Ints, Longs
 from ..bonds.ball_bonds import BallBonds
 from ..bonds.bond_basis import BondBasis
-from . import ball_loops, element_loops
+from . import ball_loops, ball_virial_loops, element_loops
 from .block import Block
 from .compiled_law import Law, law_of, secant
 from .pair_tasks import aligned
@@ -25,10 +25,21 @@ _ELEMENTS, _MOST = 1 << 12, 512  # of a task that tabulates or hands over, and h
 
 @dataclass(frozen=True, eq=False)
 class BallArrays:
-    """Working arrays of one call: the table of elements, their sums (at zero between calls)."""
+    """Working arrays of one call: the table of elements, their sums (at zero between calls).
+
+    The virial V of the elements and their pressure p are made where a dilatation needs them.
+    """
 
     E: Floats
     M: Floats
+
+    @cached_property
+    def V(self) -> Floats:
+        return aligned(len(self.E), 4)
+
+    @cached_property
+    def p(self) -> Floats:
+        return aligned(len(self.E), 4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +92,24 @@ class BallTask:
         else:
             loop, sums = law.loop(ball_loops.force), (self.block.symmetric, arrays.M)
             loop(*self._bonds(arrays), self.given, self.scale, *law.gradient, *sums)
+
+    def add_virial(self, arrays: BallArrays, law: Law) -> None:
+        """Add what the bonds pull with to the virial of their ends, under a law."""
+        loop = law.loop(ball_virial_loops.virial)
+        loop(*self._bonds(arrays), self.given, self.scale, *law.gradient, arrays.V)
+
+    def add_pressed_force(self, arrays: BallArrays, law: Law) -> None:
+        """Add the forces of the bonds under the pressure of the dilatation, and a law."""
+        loop = law.loop(ball_virial_loops.force)
+        loop(*self._bonds(arrays), self.given, self.scale, *law.hessian, arrays.p, arrays.M)
+
+    def dilate(self, arrays: BallArrays, rates: Floats) -> None:
+        """Add the rates of the virial by a displacement."""
+        ball_virial_loops.dilate(*self._bonds(arrays), rates[self.bonds][self.order], arrays.V)
+
+    def squeeze(self, arrays: BallArrays, rates: Floats) -> None:
+        """Take the transpose of it, of a pressure, off the sums."""
+        ball_virial_loops.squeeze(*self._bonds(arrays), rates[self.bonds][self.order], arrays.p, arrays.M)
 
     def take_product(self, arrays: BallArrays, weight: Floats) -> None:
         """Take ``X^T diag(weight) B u`` off the sums; weights are those of the block's bonds."""
@@ -202,6 +231,19 @@ class BallLoops:
         dim = self.bonds.dim
         fixed = (0,) * dim, self.bonds.mesh.t, self.stencil.tracer.gradient, u.reshape(-1, dim)
         for _ in pool.map(lambda run: element_loops.tabulate(*fixed, *run, arrays.E), self._element_runs):
+            pass
+
+    def take_virial(self, arrays: BallArrays, pool: Threads) -> Floats:
+        """Return the virial that the tasks have added, at the vertices, and empty it."""
+        out = np.zeros(int(self.bonds.mesh.nvertices))
+        fixed = (0,) * self.bonds.dim, self.bonds.mesh.t, self.stencil.tracer.gradient, arrays.V
+        self._handing.run(lambda run: ball_virial_loops.hand_over(*fixed, *run, out), pool)
+        return out
+
+    def press(self, arrays: BallArrays, pressure: Floats, pool: Threads) -> None:
+        """Tabulate a pressure of the vertices."""
+        fixed = (0,) * self.bonds.dim, self.bonds.mesh.t, self.stencil.tracer.gradient, pressure
+        for _ in pool.map(lambda run: ball_virial_loops.tabulate(*fixed, *run, arrays.p), self._element_runs):
             pass
 
     def collect(self, arrays: BallArrays, pool: Threads) -> Floats:

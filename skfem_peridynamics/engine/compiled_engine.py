@@ -65,7 +65,7 @@ class CompiledEngine:
                 self.schedule.run(lambda task: task.add_force(arrays, task.law), self.pool)
             else:
                 self.schedule.run(lambda task: task.add_virial(arrays, task.law), self.pool)
-                self.loops.press(arrays, pressure(self.loops.take_virial(arrays)))
+                self.loops.press(arrays, pressure(self.loops.take_virial(arrays, self.pool)), self.pool)
                 self.schedule.run(lambda task: task.add_pressed_force(arrays, task.law), self.pool)
             out: Floats = self.loops.collect(arrays, self.pool)
         return out
@@ -75,13 +75,13 @@ class CompiledEngine:
             return self.sparse.virial(u)
         with self._arrays(u) as arrays:
             self.schedule.run(lambda task: task.add_virial(arrays, task.law), self.pool)
-            out: Floats = self.loops.take_virial(arrays)
+            out: Floats = self.loops.take_virial(arrays, self.pool)
         return out
 
     @cached_property
     def _dilates(self) -> bool:
-        """Whether there are loops for a dilatation: for pairs, and laws that need no Python."""
-        return isinstance(self.loops, PairLoops) and all(task.law is not None for (task,) in self.loops.groups)
+        """Whether there are loops for a dilatation: for laws that need no Python."""
+        return all(task.law is not None for group in self.loops.groups for task in group)
 
     def break_and_force(
         self, u: Floats, at: float, pressure: Pressure | None = None
@@ -110,8 +110,8 @@ class CompiledEngine:
                 task.block.k[which] = 0.0
                 broken.append((task.block, which))
             if pressure is not None:
-                virial = self.loops.take_virial(arrays)
-                self.loops.press(arrays, pressure(virial))
+                virial = self.loops.take_virial(arrays, self.pool)
+                self.loops.press(arrays, pressure(virial), self.pool)
                 self.schedule.run(lambda task: task.add_pressed_force(arrays, task.law), self.pool)
             out: Floats = self.loops.collect(arrays, self.pool)
         return out, broken, virial
@@ -138,12 +138,12 @@ class CompiledEngine:
         """Add the force of the dilatation, linear in what the arrays hold; at rest that of the bonds, too."""
         if beside.rates is None:
             self.schedule.run(lambda task: task.add_virial(arrays, linear(task.block)), self.pool)
-            self.loops.press(arrays, beside.stiffness * self.loops.take_virial(arrays))
+            self.loops.press(arrays, beside.stiffness * self.loops.take_virial(arrays, self.pool), self.pool)
             self.schedule.run(lambda task: task.add_pressed_force(arrays, linear(task.block)), self.pool)
             return
         of = {id(block): rates for block, rates in zip(self.sparse.blocks, beside.rates, strict=True)}
         self.schedule.run(lambda task: task.dilate(arrays, of[id(task.block)]), self.pool)
-        self.loops.press(arrays, beside.stiffness * self.loops.take_virial(arrays))
+        self.loops.press(arrays, beside.stiffness * self.loops.take_virial(arrays, self.pool), self.pool)
         self.schedule.run(lambda task: task.squeeze(arrays, of[id(task.block)]), self.pool)
 
     def each(self, u: Floats, function: Callable[[Block, Floats], _T]) -> Iterator[_T]:

@@ -219,13 +219,13 @@ class PairLoops:
             arrays.P[:, dim + 1 : 2 * dim + 1] = samples.take(u.reshape(-1, dim))
             arrays.F.fill(0.0)
 
-    def take_virial(self, arrays: PairArrays) -> Floats:
+    def take_virial(self, arrays: PairArrays, pool: Threads) -> Floats:
         """Return the virial that the tasks have added, at the vertices, and empty it."""
         out = self.bonds.samples.spread(arrays.V)
         arrays.V.fill(0.0)
         return out
 
-    def press(self, arrays: PairArrays, pressure: Floats) -> None:
+    def press(self, arrays: PairArrays, pressure: Floats, pool: Threads) -> None:
         """Put a pressure of the vertices in."""
         arrays.p[:] = self.bonds.samples.take(pressure)
 

@@ -97,7 +97,7 @@ def memory_of_run(
         8 * nbonds if compiled else matrix_bytes(nbonds, dim, BallBonds if is_ball else PairBonds), MATRIX_MEMORY
     )
     listed = 24 if compiled else _BALL_LISTED if is_ball else 64
-    if dilated and (is_ball or not compiled):
+    if dilated and not compiled:
         listed += _BOTH_ENDS * (2 if is_ball else 1)
     most, each = _MAKING
     bonds = max(nbonds * listed + matrices, nbonds * 24 + min(most, nbonds * each))
