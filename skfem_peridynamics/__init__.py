@@ -17,8 +17,9 @@ from .bonds.pair_rule import PairRule
 from .geometry.layers import boundary_function, collar, region
 from .geometry.slit import Crack, slit
 from .material.composite import Composite
+from .material.elastic import Elastic
 from .material.influence import Influence, conical, constant, gaussian
-from .material.material import Elastic, Material
+from .material.material import Material
 from .material.own_law import Scalars, own_potential
 from .material.potential import Exponential, Linear, Potential, Rational
 from .model.breaking import Breaking

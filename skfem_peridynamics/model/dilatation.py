@@ -120,7 +120,8 @@ def _shares(bonds: BondBasis, composite: Composite | None) -> Floats:
     out = np.zeros((len(composite.materials), int(mesh.nvertices)))
     for corner in mesh.t:
         np.add.at(out, (member, corner), volumes)
-    return out / out.sum(axis=0)
+    out /= out.sum(axis=0)
+    return out
 
 
 def bounding_weights(

@@ -22,7 +22,8 @@ from ..bonds.bond_basis import BondBasis
 from ..engine.block import Beside, Block, Pressure, make_blocks, matrix_bytes
 from ..engine.engine import Engine, make_engine
 from ..material.composite import Composite
-from ..material.material import Elastic, Material, crossing
+from ..material.elastic import Elastic
+from ..material.material import Material, crossing
 from ..material.own_law import check_law
 from ..material.potential import Linear, Potential
 from ..material.volumetric import Volumetric

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import skfem_peridynamics as peri
 from bodies import box, vector_basis
@@ -347,3 +349,30 @@ def test_one_sided_rules_and_lines_are_refused():
     steel = Material.from_elastic(young=1.0, poisson=0.3, toughness=1.0, density=1.0)
     with pytest.raises(ValueError, match="has no meaning in 1D"):
         Peridynamics(line, steel).force(np.zeros(9))
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    dim=st.sampled_from([2, 3]),
+    rule=st.sampled_from(["pairs", "ball"]),
+    nu=st.floats(-0.95, 0.49),
+    seed=st.integers(0, 2**16),
+    size=st.floats(-3.0, 1.0),
+    potential=st.sampled_from(["exponential", "rational", "linear"]),
+    compression=st.sampled_from(["soften", "elastic"]),
+)
+def test_any_body_any_state(dim, rule, nu, seed, size, potential, compression):
+    """Energy never negative, the gradient of it, no momentum and no moment of it, a symmetric tangent."""
+    n = {2: 4, 3: 2}[dim]
+    body = make(dim, n, rule, nu, potential=potential, compression=compression, compiled=False)
+    u, v, w = (moved(body, 10.0**size, seed + k) for k in range(3))
+    F, energy = body.force(u), body.energy(u)
+    assert energy >= 0.0
+    d = 1e-5
+    slope = (body.energy(u + d * v) - body.energy(u - d * v)) / (2 * d)
+    assert slope == pytest.approx(-(F @ v), rel=1e-5, abs=1e-7 * np.abs(F).max() * np.abs(v).sum())
+    forces, p = F.reshape(-1, dim), body.bonds.mesh.p
+    assert np.abs(forces.sum(axis=0)).max() <= 1e-12 * np.abs(forces).sum()
+    assert abs((p[0] * forces[:, 1] - p[1] * forces[:, 0]).sum()) <= 1e-12 * np.abs(forces).sum()
+    K = body.tangent_operator(u)
+    assert w @ (K @ v) == pytest.approx(v @ (K @ w), rel=1e-9, abs=1e-12 * np.abs(K @ v).sum() * np.abs(w).max())
