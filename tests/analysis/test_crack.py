@@ -109,8 +109,8 @@ def test_area_of_a_crack_by_its_bonds(compiled):
 LAME, K = 2.0, 0.3
 
 
-def k_field(mesh, tip=0.5):
-    """Displacement of mode I about (tip, 1/2), slit to the left, for lambda = mu: kappa = 2."""
+def k_field(mesh, tip=0.5, kappa=2.0):
+    """Displacement of mode I about (tip, 1/2), slit to the left; kappa is 2 for lambda = mu."""
     middle = mesh.p[:, mesh.t].mean(axis=1)
     side = np.zeros(mesh.nvertices)
     for corner in mesh.t:  # which face of the slit a doubled vertex is on
@@ -120,8 +120,8 @@ def k_field(mesh, tip=0.5):
     on = (np.abs(y) < 1e-9) & (x < -1e-9)
     angle[on] = np.pi * side[on]
     root = K / (2 * LAME) * np.sqrt(r / (2 * np.pi))
-    ux = root * np.cos(angle / 2) * (2.0 - 1.0 + 2 * np.sin(angle / 2) ** 2)
-    uy = root * np.sin(angle / 2) * (2.0 + 1.0 - 2 * np.cos(angle / 2) ** 2)
+    ux = root * np.cos(angle / 2) * (kappa - 1.0 + 2 * np.sin(angle / 2) ** 2)
+    uy = root * np.sin(angle / 2) * (kappa + 1.0 - 2 * np.cos(angle / 2) ** 2)
     return at_vertices(mesh, ux, uy)
 
 
@@ -142,6 +142,18 @@ def test_j_of_a_k_field():
     assert j_integral(body, u, [0.5, 0.5], [1, 0], 0.4) == pytest.approx(
         j_integral(body, shifted, [0.5, 0.5], [1, 0], 0.4), rel=0.02
     )
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.4])
+def test_j_knows_both_elastic_constants(nu):
+    """Plane strain: kappa = 3 - 4 nu, lambda = 2 mu nu / (1 - 2 nu)."""
+    body = j_body(mu=LAME)
+    solid = peri.Material.from_elastic(
+        lame=2 * LAME * nu / (1 - 2 * nu), mu=LAME, toughness=1.0, density=1.5, plane="strain"
+    )
+    u = k_field(body.bonds.mesh, kappa=3 - 4 * nu)
+    found = j_integral(body.with_(material=solid), u, [0.5, 0.5], [1, 0], 0.4)
+    assert found == pytest.approx(K**2 * (4 - 4 * nu) / (8 * LAME), rel=0.01)
 
 
 def test_j_past_a_band_of_torn_elements():

@@ -66,6 +66,19 @@ def test_check_knows_what_it_costs():
     assert "note" not in rows["with"]
 
 
+def test_steps_told_from_estimates_are_enough(monkeypatch):
+    """A stiffer dilatation in the bound of the exact integrals: with a factor that the scene shows."""
+    from skfem_peridynamics.app.run import check as module
+
+    monkeypatch.setattr(module, "_TRIED", 0)
+    told = {}
+    for said in ("lame = 1.0, mu = 1.0", "lame = 9.0, mu = 1.0"):
+        text = GOOD.replace("young = 1.0", said).replace("until = 0.5", "until = 50.0")
+        told[said] = int(dict(check(Scene.parse(text)))["steps"].split()[-1])
+    few, many = told.values()
+    assert many / few == pytest.approx(np.sqrt(1 + 2 * 8 / 4), rel=0.01)
+
+
 def test_a_ratio_beside_that_of_bonds_is_remarked_on(capsys, tmp_path):
     (tmp_path / "scene.toml").write_text(solid("poisson = 0.33"))
     assert main(["check", str(tmp_path / "scene.toml")]) == 0

@@ -167,6 +167,10 @@ def test_dense_spectra(dim, n, kind, nu):
     assert 2 / np.sqrt(limit.eigenvalue) == pytest.approx(2 / np.sqrt(top), rel=1e-3)
     assert top <= limit.nodal_bound * (1 + 1e-9)
     elastic = body.elastic
+    alone = peri.stable_time_step(body.bonds_alone, M).closed_form
+    assert limit.closed_form / alone == pytest.approx(
+        1 + max(0.0, dim * (elastic.lame - elastic.shear) / (elastic.shear * (dim + 2))), rel=1e-12
+    )
     factor = 1 + max(0.0, dim * (elastic.lame - elastic.shear) / (elastic.shear * (dim + 2)))
     bonds = np.linalg.eigvalsh(body.assemble([b.rest_stiffness for b in body.blocks]).toarray())[-1]
     assert lam[-1] <= factor * bonds * (1 + 1e-9)

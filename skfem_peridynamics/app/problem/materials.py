@@ -16,7 +16,6 @@ _REPLACED = {
     "young": ("lame", "mu", "bulk"),
     "lame": ("young", "poisson", "bulk"),
     "bulk": ("young", "poisson", "lame"),
-    "mu": ("young", "poisson"),
     "toughness": ("K_Ic",),
     "K_Ic": ("toughness",),
 }
