@@ -6,7 +6,7 @@ import pytest
 import skfem_peridynamics as peri
 from bodies import at_vertices, body_on, box, grid, vector_basis
 from skfem_peridynamics import BallRule, Breaking, Crack, Exponential, PairRule, slit
-from skfem_peridynamics.analysis.crack import crack_path, speeds
+from skfem_peridynamics.analysis.crack import _crushed, crack_path, speeds
 from skfem_peridynamics.analysis.j_integral import j_integral
 from skfem_peridynamics.analysis.stress import strain, stress, voigt
 from skfem_peridynamics.geometry.slit_tips import slit_tips
@@ -103,6 +103,12 @@ def test_area_of_a_crack_by_its_bonds(compiled):
         broken = Breaking(body.bonds, material, at=1.0, compiled=compiled)
         broken.force_and_break(torn)
         assert peri.census(broken, 0 * torn).area == pytest.approx(found.area, rel=1e-12)
+
+
+def test_a_body_that_is_damaged_all_over_is_all_crushed():
+    mesh = grid((1, 8), (1, 8))
+    assert _crushed(mesh, np.ones(mesh.nvertices, dtype=bool), 0.2) == 1.0
+    assert _crushed(mesh, mesh.p[0] < 0.1, 0.2) == 0.0
 
 
 # ---- J

@@ -4,6 +4,7 @@ import skfem
 
 from bodies import body_on, box, grid, vector_basis
 from skfem_peridynamics import BondBasis, PairRule
+from skfem_peridynamics.bonds.discrete_moments import deep_points
 from skfem_peridynamics.geometry.neighbours import pairs_within, sweep_order
 from skfem_peridynamics.geometry.simplices import check_simplices
 
@@ -154,3 +155,10 @@ def test_boundary_functions():
 def test_thin_bodies_have_no_discrete_moment():
     with pytest.raises(ValueError, match="no vertex lies deeper than it"):
         _ = BondBasis(vector_basis(grid((1, 8))), 0.6).discrete_moments
+
+
+def test_moments_of_a_body_that_is_hardly_deep_enough():
+    """Half of it 0.5 deep, horizon 0.35 and half an element of 0.125: the middle vertex is deep enough, and counts."""
+    bonds = BondBasis(vector_basis(grid((1, 8))), 0.35)
+    assert np.flatnonzero(deep_points(bonds, bonds.mesh.p.T)).tolist() == [4]
+    assert bonds.discrete_moments[0] == pytest.approx(0.5, rel=0.1)
