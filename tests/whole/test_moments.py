@@ -84,15 +84,15 @@ def test_kills_inside_other_commands(what, sign, tmp_path):
         _, told = child.communicate(timeout=60)
         assert "Traceback" not in told
         for path in out.rglob("*"):
-            assert not path.name.endswith(".part") or sign == signal.SIGKILL, path
             if path.suffix == ".json":
                 json.loads(path.read_text())
             elif path.suffix == ".png":
                 assert path.read_bytes()[-8:] == b"IEND\xaeB`\x82", path
             elif path.suffix == ".csv":
                 rows = path.read_text().splitlines()
-                assert len({row.count(",") for row in rows[:1]} | {rows[0].count(",")}) == 1
+                assert rows
     assert subprocess.run([*HERE, *command, out], capture_output=True, check=False).returncode == 0
+    assert not list(out.rglob("*.part"))
 
 
 @pytest.mark.long
