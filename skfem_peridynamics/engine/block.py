@@ -269,11 +269,14 @@ def make_blocks(
                 yield Block(law, part, bonds, which, keep, store)
 
 
-def matrix_bytes(nbonds: int, dim: int, kind: type[Part]) -> int:
-    """Return the memory that the matrices B of so many bonds take.
+def matrix_bytes(nbonds: int, dim: int, kind: type[Part], dilated: bool = False) -> int:
+    """Return the memory that the matrices B of so many bonds take, and those that sum both ends for a dilatation.
 
     >>> matrix_bytes(1000, dim=2, kind=PairBonds), matrix_bytes(1000, dim=2, kind=BallBonds)
     (52000, 100000)
+    >>> matrix_bytes(1000, dim=2, kind=PairBonds, dilated=True)
+    88000
     """
-    entries = dim * (dim + 2 if kind is BallBonds else 2)
-    return nbonds * (entries * (8 + 4) + 4)
+    ends = dim + 2 if kind is BallBonds else 2
+    both = (8 + 4) * ends + 4 + 8 if dilated else 0
+    return nbonds * (dim * ends * (8 + 4) + 4 + both)

@@ -127,7 +127,7 @@ def _bend_pressed(kind: int, slope: float, b: float, df: Any, d2f: Any, W: Any, 
         kind -= TENSION
     if df is not None:
         for m in range(n):
-            q = W[m + Q]
+            q = min(W[m + Q], 1e300)
             first = df(q)
             W[m + K] *= 2.0 * W[m + C] * first + W[m + REST] * (first + 2.0 * q * d2f(q))
     elif kind == EXPONENTIAL:

@@ -12,7 +12,7 @@ _STATES = {
     (2, "strain"): (2.0 / 5.0, 1.0 / 4.0),
     (3, None): (2.0 / 5.0, 1.0 / 4.0),
 }
-_SAME = 1e-6  # ratios this near to that of bonds alone are that one: nothing is added for 0.333333
+SAME = 1e-6  # ratios this near to that of bonds alone are that one: nothing is added for 0.333333
 
 
 def state(dim: int, plane: str | None) -> tuple[float, float | None]:
@@ -68,8 +68,8 @@ def lame_constants(
         name = f"lame = {lame:g}" if lame is not None else f"bulk = {bulk:g}"
         nu = poisson_of(pair, mu, plane)
         check_poisson(nu, plane, f"{name} with mu = {mu:g} is Poisson's ratio {nu:.4g}")
-        return (mu, mu) if abs(nu - float(of_bonds or 0.0)) <= _SAME else (pair, mu)
-    if poisson is None or abs(poisson - float(of_bonds or 0.0)) <= _SAME:
+        return (mu, mu) if abs(nu - float(of_bonds or 0.0)) <= SAME else (pair, mu)
+    if poisson is None or abs(poisson - float(of_bonds or 0.0)) <= SAME:
         both = lame if lame is not None else ratio * float(young or 0.0)
         return both, both
     if young is None:

@@ -175,7 +175,7 @@ class Potential:
         ndarray
             The shape of T; it falls from ``2 f'(0)`` and is negative beyond the inflection.
         """
-        q = T * T
+        q = np.minimum(T * T, _LARGEST)  # beyond it nothing is left, and infinity times nothing is no number
         return 2.0 * self.df(q) + 4.0 * q * self.d2f(q)
 
     def third(self, T: Floats) -> Floats:

@@ -90,13 +90,17 @@ class OwnVolumetric(Volumetric):
     law: Any = None
 
     def energy(self, e: Floats) -> Floats:
-        return np.asarray(self.law.g(e), dtype=float)
+        return self._of("g", e)
 
     def gradient(self, e: Floats) -> Floats:
-        return np.asarray(self.law.dg(e), dtype=float)
+        return self._of("dg", e)
 
     def hessian(self, e: Floats) -> Floats:
-        return np.asarray(self.law.d2g(e), dtype=float)
+        return self._of("d2g", e)
+
+    def _of(self, name: str, e: Floats) -> Floats:
+        """A copy goes in, and one number may come out for all."""
+        return np.broadcast_to(np.asarray(getattr(self.law, name)(e.copy()), dtype=float), e.shape)
 
 
 def make_volumetric(what: Any, modulus: float) -> Volumetric | None:
@@ -123,6 +127,11 @@ def make_volumetric(what: Any, modulus: float) -> Volumetric | None:
     if not callable(what):
         raise ValueError(f'volumetric = {what!r} must be "quadratic" or a callable: modulus -> g, dg, d2g')
     own = OwnVolumetric(modulus, what(modulus))
+    for name in ("g", "dg", "d2g"):
+        if not callable(getattr(own.law, name, None)):
+            raise ValueError(f"volumetric {what!r} gives {own.law!r}, which has no {name}(e)")
+    if modulus == 0.0 and not np.any(own.gradient(_SAMPLES)):
+        return None
     zero, unit = np.zeros(1), abs(modulus) or float(np.abs(own.hessian(_SAMPLES)).max()) or 1.0
     for name, value in (("g", own.energy(zero)), ("dg", own.gradient(zero))):
         if not abs(float(value[0])) <= 1e-12 * unit:

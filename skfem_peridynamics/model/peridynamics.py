@@ -228,7 +228,9 @@ class Peridynamics:
         bonds = self.bonds
         if self.compiles:
             return 8.0 * bonds.nbonds <= self.matrix_memory
-        return sum(matrix_bytes(part.nbonds, bonds.dim, type(part)) for part in bonds.parts) <= self.matrix_memory
+        dilated = any(self.volumetric_energies)
+        need = (matrix_bytes(part.nbonds, bonds.dim, type(part), dilated) for part in bonds.parts)
+        return sum(need) <= self.matrix_memory
 
     @cached_property
     def pool(self) -> Threads:
@@ -375,7 +377,9 @@ class Peridynamics:
         return self._operator(None, self._beside())
 
     def tangent_operator(self, u: Floats) -> LinearOperator:
-        """Return minus the gradient of the force at u as a matrix-free operator; it stores one number per bond.
+        """Return minus the gradient of the force at u as a matrix-free operator.
+
+        It stores one number per bond, two where there is a dilatation.
 
         Parameters
         ----------

@@ -14,9 +14,10 @@ from .cfl import nodal_bounds
 def bound_of_all_states(body: Peridynamics, m: Floats) -> float:
     """Return a bound of ``x^T K_tangent(u) x / x^T M x`` over all x and all u.
 
-    Of bonds alone with concave f it is the nodal bound at rest. A pressed bond in a dilated point may stiffen: to
-    its weight ``sup |F1'''| sqrt(r) (p_x + p_y) / 2`` is added, with the largest pressure that the virial of its ends
-    can have, ``|lambda - mu| / ((d + 2) mu)`` times ``sup |F1'| / 2 sum k sqrt(r) Phi / unit``.
+    Of bonds alone with concave f it is the nodal bound at rest. What a dilatation adds to it goes with ``(F1'')^2``,
+    which a law that falls steeply has larger than at rest. A pressed bond in a dilated point may stiffen: to its weight
+    ``sup |F1'''| sqrt(r) (p_x + p_y) / 2`` is added, with the largest pressure that the virial of its ends can have,
+    ``|lambda - mu| / ((d + 2) mu)`` times ``sup |F1'| / 2 sum k sqrt(r) Phi / unit``.
 
     Parameters
     ----------
@@ -50,8 +51,8 @@ def bound_of_all_states(body: Peridynamics, m: Floats) -> float:
         return nodal_bounds(body, m)[0]
     if not dilatation.quadratic:
         return inf
-    samples, weights = body.bonds.samples, body.bounding_weights()
-    assert weights is not None
+    samples = body.bonds.samples
+    chi = samples.take(dilatation.dim * np.maximum(dilatation.curvature(), 0.0))
     pull = np.zeros(samples.nsamples)
     for block in body.blocks:
         if block.law.suprema[2] > 0.0 and not np.isfinite(block.law.suprema[0]):
@@ -59,12 +60,14 @@ def bound_of_all_states(body: Peridynamics, m: Floats) -> float:
         # a linear bond bears any pull, and none of it bends it: its ends bend others
         C, root = block.both_ends()
         pull[block.window] += C.T @ (block.k * root * (0.5 * block.law.suprema[0]))
+    added = []
     with np.errstate(invalid="ignore"):
         pressure = samples.take(np.abs(dilatation.stiffness()) * samples.spread(pull))
-    added = []
-    for block, weight in zip(body.blocks, weights, strict=True):
-        third = block.law.suprema[2]
-        root = block.both_ends()[1]
-        added.append(weight if third == 0.0 else weight + block.k * root * (0.5 * third) * block.pressures(pressure))
-    bound = nodal_bounds(body, m, added)[0] if all(np.isfinite(each).all() for each in added) else inf
-    return bound
+        for block in body.blocks:
+            # a law that falls steeply has a rate of the virial beyond that at rest
+            steep = max(1.0, (0.5 * block.law.suprema[1] / block.law.slope) ** 2)
+            weight = block.rest_stiffness * (1.0 + 0.5 * steep * block.pressures(chi))
+            if block.law.suprema[2] > 0.0:
+                weight += block.k * block.both_ends()[1] * (0.5 * block.law.suprema[2]) * block.pressures(pressure)
+            added.append(weight)
+    return nodal_bounds(body, m, added)[0] if all(np.isfinite(each).all() for each in added) else inf

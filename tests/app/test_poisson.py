@@ -37,7 +37,6 @@ def test_a_run_reports_its_constants(tmp_path):
         ("poisson = 0.4", 0.4, 1.0),
         ("young = 3.0, poisson = 0.0", 0.0, 3.0),
         ("lame = 1.0, mu = 1.0", 1 / 3, 8 / 3),
-        ("lame = 1.0", 1 / 3, 8 / 3),
         ("bulk = 2.0, mu = 1.0", 1 / 3, 8 / 3),
         ("density = 2.0", 0.2, 1.0),
     ],
@@ -66,6 +65,22 @@ def test_check_knows_what_it_costs():
     assert "note" not in rows["with"]
 
 
+@pytest.mark.parametrize(
+    ("matrix", "inclusion", "nu"),
+    [
+        ("lame = 0.5, mu = 1.0", "young = 3.0", 0.2),
+        ("bulk = 1.0, mu = 1.0", "young = 3.0", 0.0),
+        ("lame = 0.5, mu = 1.0", "lame = 1.0", 1 / 3),
+        ("lame = 0.5, mu = 1.0", "mu = 0.5", 1 / 3),
+        ("lame = 1.0", "young = 3.0", 1 / 3),
+    ],
+)
+def test_however_the_matrix_says_its_ratio(matrix, inclusion, nu):
+    text = GOOD.replace("young = 1.0", matrix) + "[[inclusion]]\nwhere = 'x - 0.5'\n" + inclusion
+    material = Problem(Scene.parse(text)).materials[1]
+    assert material.elastic(material.law(2, 0.3), 2, 0.3).poisson == pytest.approx(nu, abs=1e-12)
+
+
 def test_steps_told_from_estimates_are_enough(monkeypatch):
     """A stiffer dilatation in the bound of the exact integrals: with a factor that the scene shows."""
     from skfem_peridynamics.app.run import check as module
@@ -88,6 +103,10 @@ def test_a_ratio_beside_that_of_bonds_is_remarked_on(capsys, tmp_path):
         (tmp_path / "scene.toml").write_text(solid(same))
         main(["check", str(tmp_path / "scene.toml")])
         assert "is near" not in capsys.readouterr().out
+    beside = solid("poisson = 0.333333") + "[[inclusion]]\nwhere = 'x - 0.5'\npoisson = 0.2\n"
+    (tmp_path / "scene.toml").write_text(beside)
+    assert main(["check", str(tmp_path / "scene.toml")]) == 0
+    assert "is near" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -99,11 +118,18 @@ def test_a_ratio_beside_that_of_bonds_is_remarked_on(capsys, tmp_path):
             solid("poisson = 0.2").replace("0.13}\ncrack", '0.13, rule = "ball", symmetric = false}\ncrack'),
             "symmetric rule",
         ),
+        (change(', plane = "stress"', ""), "material: plane = None: a body in 2D"),
+        (
+            solid("poisson = 0.2") + "[[inclusion]]\nwhere = 'x - 0.5'\nlame = 1.0\n",
+            "inclusion[0]: lame = 1 alone is lambda = mu, and [material] has another Poisson ratio, 0.2: give mu",
+        ),
         (GOOD.replace("young = 1.0", "lame = -3.0, mu = 1.0"), "material: lame = -3 with mu = 1 is Poisson's ratio"),
     ],
 )
 def test_what_is_refused(capsys, tmp_path, content, message):
-    assert message in complaint(capsys, tmp_path, content)
+    told = complaint(capsys, tmp_path, content)
+    assert told.startswith("skfem-peridynamics: " + message.split("symmetric rule")[0])
+    assert message in told
 
 
 def test_the_step_of_a_mesh_file(tmp_path, capsys):

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from skfem_peridynamics import Material
+from skfem_peridynamics.material.volumetric import make_volumetric
 
 STATES = [(1, None, None), (2, "stress", 1 / 3), (2, "strain", 1 / 4), (3, None, 1 / 4)]
 OMEGA = [1.0, 2.0, np.pi, 4 * np.pi / 3]
@@ -184,6 +185,35 @@ def test_an_own_volumetric_energy_that_is_none(functions, message):
     m = Material.from_elastic(young=1.0, poisson=0.3, toughness=1.0, density=1.0, volumetric=own_volumetric(*functions))
     with pytest.raises(ValueError, match=message):
         m.volumetric_energy(m.law(3, 0.3), 3, 0.3)
+
+
+class Quadratic:
+    """One number for all second derivatives, and a first derivative that writes into what it was given."""
+
+    def __init__(self, modulus):
+        self.m = modulus
+
+    def g(self, e):
+        return 0.5 * self.m * e**2
+
+    def dg(self, e):
+        e *= self.m
+        return e
+
+    def d2g(self, e):
+        return self.m
+
+
+def test_own_volumetric_energies_as_people_write_them():
+    own, named = (make_volumetric(what, 2.0) for what in (Quadratic, "quadratic"))
+    e = np.array([-0.3, 0.0, 0.7])
+    for name in ("energy", "gradient", "hessian"):
+        assert getattr(own, name)(e).tolist() == getattr(named, name)(e).tolist()
+    assert e.tolist() == [-0.3, 0.0, 0.7]
+    assert make_volumetric(Quadratic, 2.0).energy(e).tolist() == named.energy(e).tolist()  # once more, as before
+    assert make_volumetric(Quadratic, 0.0) is None
+    with pytest.raises(ValueError, match=r"gives None, which has no g\(e\)"):
+        make_volumetric(lambda modulus: None, 2.0)
 
 
 def test_plane_state_belongs_to_2d():

@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 import skfem_peridynamics as peri
 from bodies import box, vector_basis
 from skfem_peridynamics import BallRule, CornerRule, Material, PairRule, Peridynamics
+from skfem_peridynamics.engine.block import matrix_bytes
 from skfem_peridynamics.geometry.simplices import vertex_volumes
-from skfem_peridynamics.solve.cfl import nodal_bounds
+from skfem_peridynamics.solve.cfl import SAFETY, nodal_bounds
 
 RULES = {"pairs": PairRule(), "gauss": PairRule(points="gauss"), "ball": BallRule(3, 4), "corners": CornerRule()}
 
@@ -417,3 +418,107 @@ def test_any_body_any_state(dim, rule, nu, seed, size, potential, compression):
     assert abs((p[0] * forces[:, 1] - p[1] * forces[:, 0]).sum()) <= 1e-12 * np.abs(forces).sum()
     K = body.tangent_operator(u)
     assert w @ (K @ v) == pytest.approx(v @ (K @ w), rel=1e-9, abs=1e-12 * np.abs(K @ v).sum() * np.abs(w).max())
+
+
+@pytest.mark.parametrize("size", [1e140, 1e160, 1e200])
+@pytest.mark.parametrize("potential", ["exponential", "rational"])
+def test_strains_that_are_no_strains(potential, size):
+    """Finite forces in both engines, the same ones."""
+    bodies = [make(2, 4, nu=0.4, potential=potential, compiled=compiled) for compiled in (True, False)]
+    u = size * np.random.default_rng(0).standard_normal(bodies[0].basis.N)
+    with np.errstate(over="ignore"):
+        fast, slow = (body.force(u) for body in bodies)
+    assert np.isfinite(fast).all()
+    np.testing.assert_allclose(slow, fast, rtol=0, atol=1e-12)
+
+
+def test_what_is_kept_is_counted():
+    """Strain matrices, and those that sum both ends."""
+    for nu, ends in ((0.25, 0), (0.4, 1)):
+        body = make(2, 8, nu=nu, compiled=False)
+        need = sum(matrix_bytes(part.nbonds, 2, type(part), nu == 0.4) for part in body.bonds.parts)
+        assert body.with_(matrix_memory=need).blocks[0].keep
+        assert not body.with_(matrix_memory=need - 1).blocks[0].keep
+        body.force(moved(body))
+        (block,) = body.blocks
+        assert ("_both" in block.__dict__) == bool(ends)
+
+
+class Steep:
+    """f' = slope / (1 + (q / q0)^8): concave, and F1'' falls to -3.5 times 2 f'(0)."""
+
+    def __init__(self, slope, limit):
+        self.slope, self.q0 = slope, limit / slope / 1.0261721529
+
+    def df(self, q):
+        return self.slope / (1 + (np.minimum(q, 1e30) / self.q0) ** 8)
+
+    def d2f(self, q):
+        z = (np.minimum(q, 1e30) / self.q0) ** 8
+        return -8 * self.slope * z / np.maximum(q, 1e-300) / (1 + z) ** 2
+
+    def f(self, q):
+        nodes, weights = np.polynomial.legendre.leggauss(40)
+        near, far = np.minimum(q, 2 * self.q0), np.maximum(q, 2 * self.q0)
+        parts = [0.05 * near[..., None] * (nodes + 1 + 2 * k) for k in range(10)]
+        inner = sum((self.df(part) @ weights) for part in parts) * 0.05 * near
+        s = 0.5 * (nodes + 1)
+        # from 2 q0 to q by 1 / q, where the law is smooth and ends
+        start, end = 1 / (2 * self.q0), 1 / far
+        t = end[..., None] + (start - end)[..., None] * s
+        outer = (self.df(1 / t) / t**2) @ weights * 0.5 * (start - end)
+        return inner + outer
+
+
+def test_a_law_that_falls_steeply():
+    """Its rates of the virial are beyond those at rest: the bound of all states knows, the limit at rest does not."""
+    body = make(2, 5, nu=0.45, kind="structured", horizon=0.5, potential=Steep)
+    M = peri.mass_matrix(body.basis).diagonal()
+    scaled = np.sqrt(np.outer(M, M))
+    rest = np.linalg.eigvalsh(body.stiffness().toarray() / scaled)[-1]
+    bound, most = peri.bound_of_all_states(body, M), 0.0
+    for size in np.geomspace(0.3, 1.5, 25):
+        u = size * body.law.inflection / np.sqrt(body.bonds.horizon) * body.bonds.mesh.p.T.ravel()
+        top = np.linalg.eigvalsh(body.tangent(u).toarray() / scaled)[-1]
+        assert top <= nodal_bounds(body, M, body.bounding_weights(u))[0] * (1 + 1e-9) + 1e-12 * rest
+        assert top <= bound
+        most = max(most, top / rest)
+    print(f"tangent over rest {most:.2f}, bound {bound / rest:.1f}")
+    assert most > 2.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("nu", [0.3, 0.45, 0.49])
+def test_bonds_broken_to_raise_the_eigenvalue(nu):
+    """By sign, so that what the rest pull with adds up: the default part of the limit holds even then."""
+    mesh = box(2, 10, "structured")
+    inner = 0.5 + (mesh.p - 0.5) * (0.4 + 1.2 * np.abs(mesh.p - 0.5))
+    bonds = peri.BondBasis(vector_basis(type(mesh)(inner, mesh.t)), 0.36)
+    body = peri.Breaking(bonds, material(2, nu), compiled=False)
+    M = peri.mass_matrix(body.basis)
+    scale, limit = np.sqrt(M.diagonal()), peri.stable_time_step(body, M)
+    worst, random = 0.0, np.random.default_rng(0)
+    for start in range(4):
+        broken = [np.flatnonzero(random.random(len(block.k)) < 0.1 * start) for block in body.blocks]
+        for turn in range(12):
+            body.recall(broken)
+            lam, modes = np.linalg.eigh(body.stiffness().toarray() / np.outer(scale, scale))
+            worst = max(worst, lam[-1])
+            v = body.inward(modes[:, -1] / scale)
+            body.recall(None)
+            # a bond that lowers the quotient goes: its own part, and what it takes off the sums of its ends
+            e = np.zeros(bonds.samples.nsamples)
+            for block, gone in zip(body.blocks, broken, strict=True):
+                rate = block.rates(None)
+                rate[gone] = 0.0
+                e[block.window] += block.dilate(rate, v)
+            q = bonds.samples.take(body.dilatation.stiffness() * bonds.samples.spread(e))
+            broken = []
+            for block in body.blocks:
+                T = block.strains(v)
+                gain = block.rest_stiffness * T**2 + 2.0 * block.rates(None) * T * block.pressures(q)
+                worse = gain < 0.0
+                broken.append(np.flatnonzero(worse & ((random.random(len(T)) < 0.5) | (turn % 2 == 1))))
+    part = worst * limit.dt**2 / 4
+    print(f"nu = {nu}: largest eigenvalue over that of the limit {part:.3f}")
+    assert part < 1 / SAFETY**2

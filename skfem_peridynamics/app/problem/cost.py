@@ -32,9 +32,7 @@ _SPARSE_FORCE, _SPARSE_STEP, _COMPILED_STEP = 7e-9, 22e-9, 6e-9
 # seconds of any set-up, of a vertex, of a bond by dimension (slits are looked at), of a bond whose weights are balanced
 _SETUP, _VERTEX, _BOND, _BALANCED_BOND = 0.3, 3e-6, {1: 3e-7, 2: 1e-6, 3: 2.2e-6}, 6e-5
 _BALANCED_PAIR = {1: 6e-5, 2: 3e-7, 3: 1.5e-6}  # the same of vertex pairs
-# a force with a dilatation over one without (docs/benchmarks/dilatation.py), and bytes of the matrix that sums both
-# ends of a bond, where sparse products compute
-_DILATED, _BOTH_ENDS = 1.9, 40
+_DILATED = 1.9  # a force with a dilatation over one without (docs/benchmarks/dilatation.py)
 _CALL = {True: 1e-4, False: 6e-4}  # seconds of an explicit step, and of an implicit evaluation, whatever the body
 # seconds a vertex of a frame; of pictures, and a vertex in them; of a row of the history, and a bond in it
 _IN_FRAME, _DRAWING, _DRAWN, _ROW, _IN_ROW = 6e-6, 1.5, 5e-5, 2e-3, 1e-8
@@ -94,11 +92,10 @@ def memory_of_run(
     is_ball = isinstance(rule, BallRule)
     compiled = installed() and worth_compiling(nbonds, evaluations)
     matrices = min(
-        8 * nbonds if compiled else matrix_bytes(nbonds, dim, BallBonds if is_ball else PairBonds), MATRIX_MEMORY
+        8 * nbonds if compiled else matrix_bytes(nbonds, dim, BallBonds if is_ball else PairBonds, dilated),
+        MATRIX_MEMORY,
     )
     listed = 24 if compiled else _BALL_LISTED if is_ball else 64
-    if dilated and not compiled:
-        listed += _BOTH_ENDS * (2 if is_ball else 1)
     most, each = _MAKING
     bonds = max(nbonds * listed + matrices, nbonds * 24 + min(most, nbonds * each))
     if balanced:

@@ -209,8 +209,9 @@ class Problem:
 
     def check_memory(self) -> None:
         """Raise :class:`SceneError` where the run would take more memory than there is."""
+        need = self.expected_bytes
         try:
-            check_memory(self.expected_bytes)
+            check_memory(need)
         except ValueError as error:
             raise SceneError(
                 f"bonds.horizon = {self.scene.bonds.horizon:g} makes about {self.expected_bonds:.3g} bonds, {error}"

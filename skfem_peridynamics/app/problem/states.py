@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...geometry.simplices import vertex_sizes
+from ...material.elastic import SAME
 from ...material.elastic import state as plane_state
 from ...solve.central_difference import central_difference
 from ...solve.instability import Watch
@@ -69,7 +70,7 @@ def remarks(problem: Problem) -> list[str]:
         )
     for material in problem.materials:
         nu = plane_state(int(problem.mesh.dim()), material.plane)[1]
-        if problem.dilated >= 0.0 and nu is not None and 0.0 < abs((material.poisson or nu) - nu) < _NEAR:
+        if problem.dilated >= 0.0 and nu is not None and SAME < abs((material.poisson or nu) - nu) < _NEAR:
             out.append(
                 f"poisson = {material.poisson:g} is near {nu:.4g}, which bonds alone have: there nothing is added to "
                 "them, and a force takes half the time"
