@@ -1,4 +1,4 @@
-"""Odd moments: disks that fail in mid-run, kills inside study, stability and plot, clocks, cold caches.
+"""Odd moments: disks that fail in mid-run, kills inside study, stability and plot, cold caches.
 
 The long forms: ``python -m pytest -m long tests/whole/test_moments.py -n 0 -s``.
 """
@@ -118,19 +118,3 @@ def test_eight_processes_on_a_cold_cache(tmp_path):
     assert [child.returncode for child in children] == [0] * 8
     assert {error for _, error in told} == {b""}
     assert len({out for out, _ in told}) == 1
-
-
-@pytest.mark.parametrize("jump", [-1e9, -3600.0, 3600.0, 1e9])
-def test_the_clock_of_the_wall_jumps(jump, tmp_path, monkeypatch):
-    """Steps, files and times left are of a clock that does not."""
-    run(small(), tmp_path / "whole")
-    steady, calls = time.time, [0]
-
-    def jumping():
-        calls[0] += 1
-        return max(0.0, steady() + (jump if calls[0] % 2 else 0.0))
-
-    monkeypatch.setattr(time, "time", jumping)
-    summary = run(small(), tmp_path / "out")
-    assert results(tmp_path / "out") == results(tmp_path / "whole")
-    assert all(0.0 <= seconds < 100.0 for seconds in summary["seconds"].values())
