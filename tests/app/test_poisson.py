@@ -10,7 +10,9 @@ import skfem_peridynamics as peri
 from bodies import vector_basis
 from skfem_peridynamics import Scene, run
 from skfem_peridynamics.app.cli.main import main
+from skfem_peridynamics.app.files.results import Results
 from skfem_peridynamics.app.problem.problem import Problem
+from skfem_peridynamics.app.report.run_page import page
 from skfem_peridynamics.app.run.check import check
 from small_scenes import GOOD, change, complaint
 
@@ -28,6 +30,11 @@ def test_a_run_reports_its_constants(tmp_path):
     alone = run(Scene.parse(GOOD), tmp_path / "alone")
     assert abs(summary["energy_drift"]) < 1.2 * abs(alone["energy_drift"])
     assert summary["steps"] > alone["steps"] - 3
+    words = [page(Results.read(tmp_path / name), {}) for name in ("out", "alone")]
+    for name, nu, lam, mu in (("out", "0.2", "0.2083", "0.4167"), ("alone", "0.3333", "0.375", "0.375")):
+        told = words[name == "alone"]
+        for label, value in (("Poisson&#x27;s ratio", nu), ("lambda", lam), ("mu", mu), ("toughness G_c", "0.001")):
+            assert f"<th>{label}</th><td>{value}</td>" in told
 
 
 @pytest.mark.parametrize(

@@ -47,6 +47,7 @@ def page(results: Results, pictures: Mapping[str, str]) -> str:
         *_section("The crack", [_crack_table(results)], "crack.png", pictures),
         *_section("Energies", [f"<p>{escape(_balance(summary))}</p>"], "energies.png", pictures),
         *_section("Measured", [], "measures.png", pictures),
+        *_material(results),
         "<h2>How far to trust it, and what it took</h2>",
         _trust(summary),
         _seconds(summary),
@@ -126,6 +127,27 @@ def _crack_table(results: Results) -> str:
             of = f", {release / toughness:.2f} of G_c" if toughness else ""
             rows.append((f"energy of softened bonds per {size}", number(release) + units.after("toughness") + of))
     return _table(rows)
+
+
+def _material(results: Results) -> list[str]:
+    """The constants that the material of a run had with its bonds, the matrix where there are inclusions."""
+    units, rows = results.units, list[tuple[str, str]]()
+    for name, label, quantity in (
+        ("young", "Young's modulus", "stress"),
+        ("poisson", "Poisson's ratio", ""),
+        ("lame", "lambda", "stress"),
+        ("mu", "mu", "stress"),
+        ("toughness", "toughness G_c", "toughness"),
+        ("density", "density", ""),
+        ("pressure_speed", "P waves", "velocity"),
+        ("shear_speed", "S waves", "velocity"),
+        ("rayleigh_speed", "Rayleigh waves", "velocity"),
+    ):
+        # bonds alone have lambda = mu, said once
+        value = known(results, "lame") if name == "mu" and known(results, "mu") is None else known(results, name)
+        if value is not None:
+            rows.append((label, number(value) + (units.after(quantity) if quantity else "")))
+    return ["<h2>The material</h2>", _table(rows)] if rows else []
 
 
 def _balance(summary: Mapping[str, Any]) -> str:
