@@ -63,6 +63,15 @@ def _pull(n: int, given: Any, scale: float, W: Any) -> None:
 
 
 @compiled
+def cell_share(short: float, rest: float, own: float, least: float) -> float:
+    """Twice the part of two cells that lies in each other's ball, by ``short`` of the rim and their inverse sizes.
+
+    ``clip((reach - r) / h + 1/2, 0, 1)`` of either; ``least`` 1 counts pairs fully.
+    """
+    return min(max(short * rest + 0.5, least), 1.0) + min(max(short * own + 0.5, least), 1.0)
+
+
+@compiled
 def _pull_cells(n: int, reach: float, own: float, own_size: float, W: Any) -> None:
     """The same where k holds the volumes of the far ends and becomes the measure; ``reach`` 0 counts pairs fully."""
     least = 0.0 if reach > 0.0 else 1.0
@@ -72,10 +81,7 @@ def _pull_cells(n: int, reach: float, own: float, own_size: float, W: Any) -> No
         c = s * (root * root * root)
         W[m + C] = c
         W[m + Q] = s * c
-        # the part of either cell that lies in the ball: clip((reach - r) / h + 1/2, 0, 1)
-        short = reach - W[m + R2] * root
-        share = min(max(short * W[m + REST] + 0.5, least), 1.0) + min(max(short * own_size + 0.5, least), 1.0)
-        W[m + K] *= own * share
+        W[m + K] *= own * cell_share(reach - W[m + R2] * root, W[m + REST], own_size, least)
 
 
 @compiled

@@ -28,7 +28,7 @@ from .law_loops import (
     inverse_root,
     snap,
 )
-from .pair_loops import _gather, _scatter
+from .pair_loops import _gather, _scatter, cell_share
 
 # one row more than other loops have
 PRESSURE = ROOM
@@ -85,9 +85,7 @@ def _measure(n: int, given: Any, low: int, reach: float, scale: float, own: floa
         W[m + C] = c
         W[m + Q] = c * c * root
         if given is None:
-            short = reach - W[m + R2] * root
-            share = min(max(short * W[m + REST] + 0.5, least), 1.0) + min(max(short * own_size + 0.5, least), 1.0)
-            W[m + K] *= scale * own * share
+            W[m + K] *= scale * own * cell_share(reach - W[m + R2] * root, W[m + REST], own_size, least)
         else:
             W[m + K] = scale * given[low + m]
 
@@ -105,9 +103,7 @@ def _pressed(
         W[m + C] = c
         W[m + Q] = s * c
         if given is None:
-            short = reach - W[m + R2] * root
-            share = min(max(short * W[m + REST] + 0.5, least), 1.0) + min(max(short * own_size + 0.5, least), 1.0)
-            W[m + K] *= scale * own * share
+            W[m + K] *= scale * own * cell_share(reach - W[m + R2] * root, W[m + REST], own_size, least)
         else:
             W[m + K] = scale * given[low + m]
         W[m + REST] = (p + W[m + PRESSURE]) * root
