@@ -168,13 +168,16 @@ def test_block3d_small(tmp_path):
 
 @pytest.mark.long
 def test_plate_and_block_in_time(tmp_path):
-    """The plate under 40 s on two cores without numba, pictures included; the block steps for longer than 5 s."""
-    for name, low, high in (("glass_branching", 0.0, 40.0), ("block3d", 5.0, np.inf)):
+    """Both under 40 s on two cores, pictures included; their figures."""
+    for name in ("glass_branching", "block3d"):
         begin = time.perf_counter()
         command = ["run", str(EXAMPLES / f"{name}.toml"), "--out", str(tmp_path / name), "--quiet"]
         subprocess.run([sys.executable, "-m", "skfem_peridynamics", *command], check=True)
         seconds = time.perf_counter() - begin
-        stepping = json.loads((tmp_path / name / "summary.json").read_text())["seconds"]["steps"]
-        print(f"{name}: {seconds:.1f} s in all, {stepping:.1f} s of stepping")
-        assert seconds < high
-        assert stepping > low
+        summary = json.loads((tmp_path / name / "summary.json").read_text())
+        phases = ", ".join(f"{phase} {spent:.1f}" for phase, spent in summary["seconds"].items())
+        sizes = ", ".join(f"{summary[size]:,} {size}" for size in ("nodes", "bonds", "steps"))
+        print(f"{name}: {seconds:.1f} s in all ({phases}), {summary['kernels']}; {sizes}")
+        print(f"  drift {summary['energy_drift']:.1e}, peak memory {summary['peak_memory_mb']:.0f} MB")
+        assert seconds < 40.0
+        assert abs(summary["energy_drift"]) < 3e-3
