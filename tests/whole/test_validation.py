@@ -18,7 +18,7 @@ def way():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["waves", "toughness", "static_crack", "kalthoff"])
+@pytest.mark.parametrize("name", ["waves", "toughness", "static_crack", "kalthoff", "poisson"])
 def test_a_case_holds_coarsely(name, tmp_path):
     page = importlib.import_module(name).run(tmp_path, quick=True)
     assert len(page.figures) >= 2
