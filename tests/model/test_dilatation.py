@@ -244,7 +244,7 @@ def test_an_assembled_matrix_is_estimated_first(monkeypatch):
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-@pytest.mark.parametrize("rule", ["pairs", "ball"])
+@pytest.mark.parametrize("rule", ["pairs", pytest.param("ball", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("nu", [0.0, 0.4])
 def test_energies_close_where_bonds_break(nu, rule, compiled):
     """The balance of an explicit run that breaks bonds falls with the step; a whole body of the same bits before."""
@@ -280,7 +280,7 @@ def hooke(body, A):
     return elastic.lame * np.trace(strain) * np.eye(len(A)) + 2 * elastic.shear * strain
 
 
-@pytest.mark.parametrize(("dim", "n"), [(2, 24), (3, 18)])
+@pytest.mark.parametrize(("dim", "n"), [(2, 24), pytest.param(3, 18, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("nu", [-0.3, 0.2, 0.45])
 def test_stress_inside_is_hookes_and_its_sum_the_virial(dim, n, nu):
     body = make(dim, n, nu=nu, kind="structured", horizon=4 / n, balanced=True, potential="linear")

@@ -128,7 +128,7 @@ def test_kirsch(nu):
 
 
 @pytest.mark.parametrize("nu", [0.2, 0.3])
-@pytest.mark.parametrize(("dim", "n"), [(2, 40), (3, 20)])
+@pytest.mark.parametrize(("dim", "n"), [(2, 40), pytest.param(3, 20, marks=pytest.mark.slow)])
 def test_an_open_crack_has_no_dilatation(dim, n, nu):
     """Halves far apart: the energy is that of the bonds, and away from the surface of the body G_c per area."""
     axis, window = np.linspace(0.0, 1.0, n + 1), 0.5 - 4 / n

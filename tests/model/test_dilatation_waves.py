@@ -8,7 +8,7 @@ from bodies import box, vector_basis
 from skfem_peridynamics import BondBasis, Material, Peridynamics, dispersion, mass_matrix
 from skfem_peridynamics.material.influence import as_influence
 
-STATES = [(2, "stress"), (2, "strain"), (3, None)]
+STATES = [(2, "stress"), (2, "strain"), pytest.param(3, None, marks=pytest.mark.slow)]
 RATIOS = [-0.3, 0.0, 0.2, 0.3, 0.45]
 
 
