@@ -11,17 +11,15 @@ A torn bond pulls with nothing: an open crack carries no dilatation. ``unit`` is
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sparse
 
-from .._memory import check_room
-from .._types import Csr, Floats, Longs
+from .._types import Floats
 from ..bonds.bond_basis import BondBasis
 from ..bonds.samples import Samples
-from ..engine.block import Beside, Block
+from ..engine.block import Block
 from ..geometry.simplices import element_volumes
 from ..material.composite import Composite
 from ..material.material import FACTOR
@@ -145,28 +143,3 @@ def bounding_weights(
         weight + block.k * bend**2 * block.pressures(chi) / (4.0 * block.law.slope)
         for weight, block, bend in zip(weights, blocks, bends, strict=True)
     ]
-
-
-def assembled(
-    K: Csr,
-    beside: Beside,
-    bonds: BondBasis,
-    blocks: Sequence[Block],
-    at_vertices: Callable[[Block], tuple[Longs, Csr, sparse.csc_matrix]],
-) -> Csr:
-    """Return the matrix K of the bonds with that of the dilatation; it reaches two horizons."""
-    entries = int(K.nnz * 2.0**bonds.dim)
-    check_room(
-        12.0 * 2.0 * entries,
-        f"a matrix of bonds and dilatation with some {entries:,} entries",
-        "stiffness_operator() and tangent_operator(u) need none of it",
-    )
-    R = sparse.csr_matrix((int(bonds.mesh.nvertices), K.shape[0]))
-    for number, block in enumerate(blocks):
-        dofs, B, _ = at_vertices(block)
-        rate = block.rates(None) if beside.rates is None else beside.rates[number]
-        P = bonds.samples.matrix[block.window]
-        local = ((P.T @ block.both_ends()[0].T) @ B.multiply(rate[:, None])).tocoo()
-        R = R + sparse.csr_matrix((local.data, (local.row, dofs[local.col])), shape=R.shape)
-    total = K + R.T @ R.multiply(beside.stiffness[:, None])
-    return sparse.csr_matrix((total + total.T) * 0.5)

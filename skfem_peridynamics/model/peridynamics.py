@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sparse
 from scipy.sparse.linalg import LinearOperator
 
 from .._compile import available
 from .._threads import Threads
-from .._types import Csr, Floats, Longs
+from .._types import Csr, Floats
 from .._vectors import real_vector
 from ..bonds.bond_basis import BondBasis
 from ..engine.block import Beside, Block, Pressure, make_blocks, matrix_bytes
@@ -27,6 +26,7 @@ from ..material.material import Material, crossing
 from ..material.own_law import check_law
 from ..material.potential import Linear, Potential
 from ..material.volumetric import Volumetric
+from .assembly import assemble, with_dilatation
 from .bond_laws import laws_of_bonds
 
 if TYPE_CHECKING:
@@ -347,8 +347,8 @@ class Peridynamics:
         ----------
         Paper, section 4.3.
         """
-        K = self.assemble([block.rest_stiffness for block in self.blocks])
-        return K if self.dilatation is None else self._with_dilatation(K, self._beside())
+        K, beside = self.assemble([block.rest_stiffness for block in self.blocks]), self._beside()
+        return K if beside is None else with_dilatation(self.bonds, self.blocks, K, beside)
 
     def tangent(self, u: Floats) -> Csr:
         """Return minus the gradient of the force at u; indefinite once bonds soften.
@@ -363,8 +363,8 @@ class Peridynamics:
         scipy.sparse.csr_matrix, (N, N)
             The tangent.
         """
-        K = self.assemble(self.hessians(u))
-        return K if self.dilatation is None else self._with_dilatation(K, self._beside(u))
+        K, beside = self.assemble(self.hessians(u)), self._beside(u)
+        return K if beside is None else with_dilatation(self.bonds, self.blocks, K, beside)
 
     def stiffness_operator(self) -> LinearOperator:
         """Return ``a_l`` as a matrix-free operator.
@@ -464,12 +464,6 @@ class Peridynamics:
         rates = list(self.each_block(u, lambda block, T: block.rates(T)))
         return Beside(rates, self.dilatation.stiffness(self.engine.virial(self._vector(u))))
 
-    def _with_dilatation(self, K: Csr, beside: Beside | None) -> Csr:
-        from .dilatation import assembled
-
-        assert beside is not None
-        return assembled(K, beside, self.bonds, self.blocks, self.at_vertices)
-
     def _operator(self, weights: Sequence[Floats] | None, beside: Beside | None) -> LinearOperator:
         def apply(x: Floats, transposed: bool = False) -> Floats:
             return self.engine.product(weights, real_vector(x, "x").ravel(), transposed, beside)
@@ -492,49 +486,4 @@ class Peridynamics:
         scipy.sparse.csr_matrix, (N, N)
             Exactly symmetric when the rule is.
         """
-        size = self.basis.N
-        total = sparse.csr_matrix((size, size))
-        rows, cols, values, entries = [], [], [], 0
-        for block, weight in zip(self.blocks, weights, strict=True):
-            number, B, XT = self.at_vertices(block)
-            local = (XT @ sparse.csr_matrix(B.multiply(weight[:, None]))).tocoo()
-            rows.append(number[local.row])
-            cols.append(number[local.col])
-            values.append(local.data)
-            entries += local.nnz
-            if entries > max(8_000_000, total.nnz):  # merge before the parts outgrow what they merge into
-                total = total + _csr(rows, cols, values, size)
-                rows, cols, values, entries = [], [], [], 0
-        K = total + _csr(rows, cols, values, size) if rows else total
-        if self.symmetric:  # round-off of the summation order, so that K equals its transpose
-            K = sparse.csr_matrix((K + K.T) * 0.5)
-        return K
-
-    def at_vertices(self, block: Block) -> tuple[Longs, Csr, sparse.csc_matrix]:
-        """Return B and X^T of a block with vertex degrees of freedom in place of samples, and the numbers of those.
-
-        Parameters
-        ----------
-        block : Block
-            Of this body.
-
-        Returns
-        -------
-        ndarray of int, csr_matrix, csc_matrix
-            (n,), (nbonds, n) and (n, nbonds).
-        """
-        dim, samples = self.bonds.dim, self.bonds.samples
-        B, XT = block.matrices()
-        if samples.at_vertices:
-            vertices = samples.vertices[block.window, 0]
-        else:
-            P = samples.matrix[block.window]
-            vertices = np.unique(P.indices)
-            P = sparse.kron(P[:, vertices], sparse.identity(dim), format="csr")
-            B, XT = B @ P, P.T @ XT
-        return (vertices[:, None].astype(np.int64) * dim + np.arange(dim)).ravel(), B, XT
-
-
-def _csr(rows: list[Longs], cols: list[Longs], values: list[Floats], size: int) -> Csr:
-    triple = (np.concatenate(values), (np.concatenate(rows), np.concatenate(cols)))
-    return sparse.coo_matrix(triple, shape=(size, size)).tocsr()
+        return assemble(self.bonds, self.blocks, weights)
