@@ -73,6 +73,42 @@ def test_a_bent_beam(nu):
     assert moment == pytest.approx(0.957 * inertia * curve, rel=0.006)
 
 
+def end_loaded(p, nu, length, height, load):
+    """Timoshenko and Goodier's cantilever from x = 0, loaded by a parabola of shear at its end; E = 1, plane stress."""
+    x, y = p
+    scale = load / (6 * height**3 / 12)
+    ux = scale * y * ((6 * length - 3 * x) * x + (2 + nu) * (y**2 - height**2 / 4))
+    uy = -scale * (3 * nu * y**2 * (length - x) + (4 + 5 * nu) * height**2 * x / 4 + (3 * length - x) * x**2)
+    return np.stack([ux, uy])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("nu", [0.0, 0.3, 1 / 3])
+def test_a_cantilever(nu):
+    """Held by the exact displacement over two horizons, loaded at its end: the deflection there, as eps goes to 0."""
+    length, height, load, found = 40.0, 10.0, 1e-4, {}
+    for eps in (2.0, 1.0, 0.5):
+        mesh = skfem.MeshTri.init_tensor(
+            np.linspace(0.0, length, round(4 * length / eps) + 1),
+            np.linspace(-height / 2, height / 2, round(4 * height / eps) + 1),
+        ).with_boundaries({"end": lambda x: x[0] > 40.0 - 1e-9})
+        body = Peridynamics(BondBasis(vector_basis(mesh), eps).balanced(), solid(nu, potential="linear"))
+        exact = end_loaded(mesh.p, nu, length, height, load)
+        root = np.flatnonzero(mesh.p[0] < 2 * eps)
+        fixed = [peri.Prescribed(2 * root + a, displacement=exact[a, root]) for a in (0, 1)]
+        pull = peri.traction(
+            body.basis, "end", lambda x: np.stack([0 * x[0], -6 * load / height**3 * (height**2 / 4 - x[1] ** 2)])
+        )
+        *_, last = peri.static(body, steps=1, fixed=fixed, load=lambda t, pull=pull: t * pull)
+        tip = np.argmin(np.hypot(mesh.p[0] - length, mesh.p[1]))
+        found[eps] = last.u.reshape(-1, 2)[tip, 1] / exact[1, tip] - 1
+    print(f"nu = {nu:.2f}: deflection off {', '.join(f'{off:+.4f} (eps {eps:g})' for eps, off in found.items())}")
+    rate = np.polyfit(np.log(list(found)), np.log(np.abs(list(found.values()))), 1)[0]
+    # first order: the surfaces are soft within a horizon
+    assert rate > 0.8
+    assert abs(found[0.5]) < 0.06
+
+
 def kirsch(p, nu, load=1e-3):
     """Displacement (2, n), stress (n, 2, 2) of a plate with a hole of radius 1, pulled along x; E = 1, plane stress."""
     r, t = np.hypot(*p), np.arctan2(p[1], p[0])
