@@ -190,29 +190,41 @@ def test_an_open_crack_has_no_dilatation(dim, n, nu):
     assert found == pytest.approx(1.0, rel=0.02)
 
 
-def torn(nu):
+def torn(dim, nu):
     """The energy of softened bonds of a strip torn along 24 horizons, over G_c of its ligament."""
-    length, height, eps, toughness = 32.0, 12.0, 1.0, 2e-4
-    mesh = slit(rectangle(length, height, eps / 4), Crack([[-16.0, 0.0], [-8.0, 0.0]]))
-    x, y = mesh.p
+    length, height, depth, eps, toughness = 32.0, 12.0, 4 / 3, 1.0, 2e-4
+    if dim == 2:
+        mesh = slit(rectangle(length, height, eps / 4), Crack([[-16.0, 0.0], [-8.0, 0.0]]))
+    else:
+        sides = ((-0.5 * length, 0.5 * length), (-0.5 * height, 0.5 * height), (0.0, depth))
+        axes = [np.linspace(low, high, round(3 * (high - low) / eps) + 1) for low, high in sides]
+        plane = [[-16.0, 0.0, 0.0], [-8.0, 0.0, 0.0], [-8.0, 0.0, depth], [-16.0, 0.0, depth]]
+        mesh = slit(skfem.MeshTet.init_tensor(*axes), Crack(plane))
+    x, y = mesh.p[:2]
     edge = np.flatnonzero(np.abs(y) > 0.5 * height - eps)
     bonds = BondBasis(vector_basis(mesh), eps).balanced()
-    body = Peridynamics(bonds, solid(nu, toughness=toughness), no_fail=edge)
+    body = Peridynamics(bonds, solid(nu, "stress" if dim == 2 else None, toughness=toughness), no_fail=edge)
     M, speed = peri.mass_matrix(body.basis), 0.15 * body.elastic.rayleigh_speed
 
     def open_up(t):
         return np.sign(y[edge]) * np.clip(6e-3 * (speed * t - x[edge] - 0.5 * length), 0.0, 0.07)
 
-    fixed = [peri.Prescribed(2 * edge + 1, displacement=open_up), peri.Prescribed(2 * edge, displacement=0.0)]
+    fixed = [peri.Prescribed(dim * edge + 1, displacement=open_up), peri.Prescribed(dim * edge, displacement=0.0)]
     until = (length + 16.0) / speed
     step = peri.stable_time_step(body, M).step_for(until)
     *_, last = peri.central_difference(body, M, until=until, dt=step, fixed=fixed)
-    return peri.census(body, last.u).energy_softened / (24.0 * toughness)
+    return peri.census(body, last.u).energy_softened / (24.0 * toughness * (1.0 if dim == 2 else depth))
 
 
-@pytest.mark.slow
-def test_a_torn_ligament_costs_what_it_costs_at_the_ratio_of_bonds():
-    found = {nu: torn(nu) for nu in (1 / 3, 0.0, 0.2, 0.3, 0.45)}
-    print({f"{nu:.3f}": f"{energy:.4f}" for nu, energy in found.items()})
+@pytest.mark.parametrize(
+    ("dim", "ratios"),
+    [
+        pytest.param(2, (1 / 3, 0.0, 0.2, 0.3, 0.45), marks=pytest.mark.slow),
+        pytest.param(3, (1 / 4, 0.2, 0.3), marks=pytest.mark.long),
+    ],
+)
+def test_a_torn_ligament_costs_what_it_costs_at_the_ratio_of_bonds(dim, ratios):
+    found = {nu: torn(dim, nu) for nu in ratios}
+    print(f"{dim}D", {f"{nu:.3f}": f"{energy:.4f}" for nu, energy in found.items()})
     for energy in found.values():
-        assert energy == pytest.approx(found[1 / 3], rel=0.02)
+        assert energy == pytest.approx(found[ratios[0]], rel=0.02)
