@@ -218,7 +218,7 @@ def test_energy_is_never_negative_and_bounds_hold_at_any_state(dim, n, kind, nu)
     check_states(dim, n, kind, nu, 8)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("nu", [-0.9, -0.3, 0.3, 0.45])
 @pytest.mark.parametrize(("dim", "n", "kind"), AWKWARD)
 def test_bounds_at_fifty_states_of_each_kind(dim, n, kind, nu):
