@@ -161,4 +161,4 @@ def test_moments_of_a_body_that_is_hardly_deep_enough():
     """Half of it 0.5 deep, horizon 0.35 and half an element of 0.125: the middle vertex is deep enough, and counts."""
     bonds = BondBasis(vector_basis(grid((1, 8))), 0.35)
     assert np.flatnonzero(deep_points(bonds, bonds.mesh.p.T)).tolist() == [4]
-    assert bonds.discrete_moments[0] == pytest.approx(0.5, rel=0.1)
+    assert bonds.discrete_moments[0] == pytest.approx(0.5, rel=0.006)  # 0.4974 measured
