@@ -363,7 +363,8 @@ class Peridynamics:
         scipy.sparse.csr_matrix, (N, N)
             The tangent.
         """
-        K, beside = self.assemble(self.hessians(u)), self._beside(u)
+        weights, beside = self._tangent(u)
+        K = self.assemble(weights)
         return K if beside is None else with_dilatation(self.bonds, self.blocks, K, beside)
 
     def stiffness_operator(self) -> LinearOperator:
@@ -391,7 +392,7 @@ class Peridynamics:
         scipy.sparse.linalg.LinearOperator, (N, N)
             Products with the tangent.
         """
-        return self._operator(self.hessians(u), self._beside(u))
+        return self._operator(*self._tangent(u))
 
     def hessians(self, u: Floats) -> list[Floats]:
         """Return the second derivatives of the energies of all bonds by their scaled strain T.
@@ -455,14 +456,19 @@ class Peridynamics:
         bends, virial = self.each_block(u, lambda block, T: block.law.hessian(T)), self.engine.virial(self._vector(u))
         return bounding_weights(self.dilatation, self.bonds.samples, self.blocks, weights, bends, virial)
 
-    def _beside(self, u: Floats | None = None) -> Beside | None:
-        """What the dilatation adds to the stiffness, or to the tangent at u."""
+    def _beside(self) -> Beside | None:
+        """What the dilatation adds to the stiffness."""
+        return None if self.dilatation is None else Beside(None, self.dilatation.stiffness())
+
+    def _tangent(self, u: Floats) -> tuple[list[Floats], Beside | None]:
+        """Weights of the bonds in the tangent at u and what the dilatation adds, from one virial and one pass."""
         if self.dilatation is None:
-            return None
-        if u is None:
-            return Beside(None, self.dilatation.stiffness())
-        rates = list(self.each_block(u, lambda block, T: block.rates(T)))
-        return Beside(rates, self.dilatation.stiffness(self.engine.virial(self._vector(u))))
+            return self.hessians(u), None
+        virial = self.engine.virial(self._vector(u))
+        p = self.bonds.samples.take(self.dilatation.pressure(virial))
+        rows = list(self.each_block(u, lambda block, T: (block.pressed_hessian(T, p), block.rates(T))))
+        weights, rates = ([row[k] for row in rows] for k in (0, 1))
+        return weights, Beside(rates, self.dilatation.stiffness(virial))
 
     def _operator(self, weights: Sequence[Floats] | None, beside: Beside | None) -> LinearOperator:
         def apply(x: Floats, transposed: bool = False) -> Floats:
