@@ -37,6 +37,15 @@ def moved(body, size=0.03, seed=1):
     )
 
 
+class Stiffening:
+    """An energy of one's own whose second derivative changes with the strain."""
+
+    def __init__(self, modulus):
+        self.g = lambda e: modulus * (np.cosh(9 * e) - 1) / 81
+        self.dg = lambda e: modulus * np.sinh(9 * e) / 9
+        self.d2g = lambda e: modulus * np.cosh(9 * e)
+
+
 def energy_by_loops(body, u):
     """Bond by bond from the formulas, P1 values from ``sides``: nothing of the engine or of the blocks."""
     bonds, dim, law = body.bonds, body.bonds.dim, body.law
@@ -78,6 +87,7 @@ def test_energy_against_loops_over_bonds(dim, n, rule, nu, compiled):
         (2, 6, "pairs", {"potential": "rational", "nu": -0.5}),
         (2, 6, "pairs", {"potential": "linear", "nu": 0.45}),
         (2, 6, "pairs", {"compression": "elastic"}),
+        (2, 6, "pairs", {"volumetric": Stiffening, "nu": 0.4}),
         (2, 6, "pairs", {"plane": "stress", "boundary": True}),
         (2, 6, "pairs", {"no_fail": [0, 1, 8], "balanced": True}),
         (2, 5, "gauss", {}),
