@@ -79,8 +79,8 @@ def sites(rooms: tuple[str, ...]) -> list[tuple[Path, tuple[int, int, int, str]]
     return out
 
 
-def caught(copy: Path, path: Path, change: tuple[int, int, int, str]) -> bool:
-    """Whether a test fails with the change."""
+def caught(copy: Path, path: Path, change: tuple[int, int, int, str]) -> str:
+    """Name of the first test that fails with the change, or nothing."""
     line, start, end, new = change
     target = copy / path.relative_to(ROOT)
     before = target.read_text()
@@ -94,13 +94,16 @@ def caught(copy: Path, path: Path, change: tuple[int, int, int, str]) -> bool:
     far = [tests for tests in ("tests/model", "tests/engine", "tests/stability", "tests/study") if tests not in near]
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "2", "-p", "no:cacheprovider"]
     try:
-        return any(
-            subprocess.run([*command, *tests], cwd=copy, capture_output=True, timeout=900, check=False).returncode != 0
-            for tests in (own, near, far)
-            if tests
-        )
+        for tests in filter(None, (own, near, far)):
+            ended = subprocess.run(
+                [*command, *tests], cwd=copy, capture_output=True, timeout=1800, check=False, text=True
+            )
+            if ended.returncode != 0:
+                failed = [text for text in ended.stdout.splitlines() if text.startswith(("FAILED", "ERROR"))]
+                return failed[0].split(" - ")[0] if failed else f"pytest ended with {ended.returncode}"
+        return ""
     except subprocess.TimeoutExpired:
-        return True
+        return "the tests did not end"
     finally:
         target.write_text(before)
 
@@ -119,11 +122,11 @@ def main() -> None:
         copy = Path(room) / "copy"
         shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(".git", ".venv", "__pycache__", "out"))
         for number, (path, change) in enumerate(chosen, 1):
-            is_dead = caught(copy, path, change)
-            dead += is_dead
+            test = caught(copy, path, change)
+            dead += bool(test)
             line = path.read_text().splitlines()[change[0] - 1].strip()
             where = f"{path.relative_to(ROOT).as_posix()}:{change[0]}:{change[1]}"
-            print(f"{'caught  ' if is_dead else 'SURVIVED'} {where} {line!r} ->{change[3]!r}", flush=True)
+            print(f"{'caught  ' if test else 'SURVIVED'} {where} {line!r} ->{change[3]!r} {test}", flush=True)
             print(f"{dead} of {number} caught", file=sys.stderr, flush=True)
     print(f"{dead} of {len(chosen)} caught, {dead / max(len(chosen), 1):.0%}")
 
