@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from typing import TypeVar
 
 import numpy as np
@@ -44,3 +45,9 @@ class Threads:
         if self._pool is None or self._process != os.getpid():
             self._pool, self._process = ThreadPoolExecutor(self.threads), os.getpid()
         return self._pool.map(quiet, things)
+
+
+@cache
+def all_threads() -> Threads:
+    """Return the threads of this process, one a usable core, for work that is not a body's own."""
+    return Threads(None)

@@ -5,110 +5,177 @@ inner vertices. At vertex i that force is a combination of the moments of order 
 
     sum_b weight_b g_b (phi_i(x_b) - phi_i(y_b)) = T3_i,    g_b = w(x_b) w(y_b) J e^alpha,   |alpha| = 3,
 
-whose exact values T3 are zero where the whole ball and the elements of i lie inside, and integrals over clipped rays
-near the boundary. Moments of order four with a plus sign fix the elastic constants at a vertex. Of all weights that
-meet them the ones nearest to the rule's are taken, in a sense that keeps them positive:
-``w = w0 (s + sqrt(1 + s^2))`` by Newton's method, each step one sparse least-squares problem (LSMR, matrix-free).
+whose exact values T3 are zero where the whole ball and the elements of i lie inside, and integrals over what the body
+has of the ball near the boundary. Moments of order four with a plus sign fix the elastic constants at a vertex.
 
-The moments of order three over all vertices are not independent: a Killing tensor Y (a product of three translations
-or rotations) gives ``Y(y)[e,e,e] = Y(x)[e,e,e]`` along every bond. Targets are made compatible with them by a change
-near the boundary, where they carry a quadrature error; inside they stay exact.
+The new weights are ``w ratio(s)``, positive whatever s, and s is what the bonds gather of multipliers at their ends.
+Conjugate gradients find these from the normal equations, with one constant matrix over the weight at a vertex as the
+preconditioner: a few iterations do nearly all that can be done. Near the boundary, where positive weights cannot meet
+all moments, the equations are damped.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from .._compile import available
 from .._types import Bools, Floats
-from ..geometry.connected import connected
-from ..geometry.tensors import killing_tensors, monomials
 from .bond_list import Balance, BondList
-from .moment_fit import MomentFit, moment_map, ratio_of, summed
-from .moment_targets import moment_targets
-from .pair_balance import balance_pairs
+from .facet_targets import facet_targets
+from .moment_targets import Targets, moment_targets
+from .moments import Moments
 from .pair_bonds import PairBonds
+from .pair_moments import PairMoments
 
-_REACHED = 1e-10  # of the largest moment: what Newton's method goes for inside
-_MISSED = 1e-8  # of the largest moment: above this a vertex inside counts as unbalanced
-_MISSED_NEAR = 2e-2  # the same near the boundary, where targets are integrals over clipped rays
-_FITS, _FIT_ROUNDS = 1e-3, 3  # of the fit near the boundary: accuracy, Newton steps
-_DAMPS, _MILD = (0.05, 0.2, 0.8), 5.0  # its damping: the first that changes no weight by a larger factor
+# iterations of conjugate gradients, rounds of them, and the damping near the boundary over the weight at a vertex
+_PAIRS = {2: (6, 1, 0.03), 3: (6, 2, 0.03)}
+_BALLS = 12, 2, 0.03
+_GAUSS = 24, 2, 0.003  # Gauss points outside, in one or two dimensions: many bonds a vertex, few of them at its edge
 _FAR = 50.0  # factor by which a weight may change at all
 _ENOUGH = 2.75  # bonds for each moment of order three and four
+_COLUMNS = {1: 2, 2: 9}  # moments of order three and four
+_MET, _MET_EXACTLY = 0.05, 1e-8  # of the largest moment: above this a vertex counts as unbalanced
+_EXACT, _ROUNDS_EXACT, _MOST = 1e-10, 8, 100  # of the largest moment; Newton steps, iterations of a step
+_LOOSE = 1e-3  # relative accuracy of a Newton step
 
 
 def balance(bonds: BondList, exact: bool = False) -> Balance:
-    """Return balanced weights of a symmetric rule; see ``BondBasis.balanced``."""
+    """Return balanced weights of a symmetric rule; ``exact`` has moments of order three met to round-off inside.
+
+    In one dimension they always are: what is missed travels along the whole line there, and it costs nothing.
+    """
     if not bonds.rule.symmetric:
         raise ValueError(f"rule = {bonds.rule.name}: a one-sided rule needs no balance, and its weights have none")
-    # in one dimension what is missed near an end travels along the whole line, and a fit costs nothing
-    if bonds.dim > 1 and bonds.samples.at_vertices and all(isinstance(part, PairBonds) for part in bonds.parts):
-        return balance_pairs(bonds, exact)
-    targets = moment_targets(bonds)
-    n3, n4 = (len(monomials(bonds.dim, order)) for order in (3, 4))
-    pieces, weights = [moment_map(bonds, part) for part in bonds.parts], [part.weight for part in bonds.parts]
-    now = summed(piece.moments(w) for piece, w in zip(pieces, weights, strict=True))
-    used = summed(piece.plus.T @ w for piece, w in zip(pieces, weights, strict=True)) > 0.0
-    sampled = np.repeat(used[:, None], n3 + n4, axis=1)
-    target = targets.values.copy()
-    target[:, :n3] -= _incompatible(bonds, (target - now)[:, :n3], targets.near_boundary)
-    largest, inner = float(np.abs(now).max(initial=0.0)), targets.exact_four
+    dim, exact = bonds.dim, exact or bonds.dim == 1
+    pairs = bonds.samples.at_vertices and all(isinstance(part, PairBonds) for part in bonds.parts)
+    four = dim < 3 and bonds.nbonds >= _ENOUGH * bonds.mesh.nvertices * _COLUMNS[dim]
+    moments = PairMoments(bonds, four) if pairs and dim > 1 and available() else Moments(bonds, four)
+    by_facets = pairs and dim > 1 and bonds.vertex_weight is None
+    targets = facet_targets(bonds, four) if by_facets else moment_targets(bonds)
+    target = targets.values[moments.vertex][:, : moments.columns] * moments.roots
+    near = targets.near_boundary[moments.vertex]
+    weights = moments.own_weights()
+    now = moments.moments(weights)
+    largest = float(np.abs(now / moments.roots).max(initial=0.0))
     if not largest > 0.0:
         raise ValueError("no bond has any measure: there is nothing to balance")
-    # moments of order four only where there are bonds enough for both orders
-    enough = bonds.nbonds >= _ENOUGH * target.size
-
-    def rows(three: Bools, four: Bools) -> Bools:
-        return sampled & np.hstack([np.repeat(x[:, None], k, axis=1) for x, k in ((three, n3), (four, n4))])
-
-    # first everywhere as well as a damped fit can: near the boundary not all moments can be met by positive weights
-    fit = MomentFit(pieces, weights, target, rows(np.ones_like(inner), inner & enough), largest)
-    iterations, new = 0, weights
-    for damp in _DAMPS:
-        s, _, count = fit.solve(_FITS, damp, rounds=_FIT_ROUNDS)
-        iterations += count
-        ratios = [ratio_of(x) for x in s]
-        if _within(ratios, _MILD):
-            break
-    if _within(ratios, _FAR):
-        new = [w * x for w, x in zip(weights, ratios, strict=True)]
-    # then order three exactly inside; order four stays as the fit left it
-    inside = MomentFit(pieces, new, target, rows(inner, np.zeros_like(inner)), largest)
-    s, _, count = inside.solve(_REACHED)
-    iterations += count
-    changed = [w * ratio_of(x) for w, x in zip(new, s, strict=True)]
-    ratios = [np.divide(v, w, out=np.ones_like(w), where=w > 0.0) for v, w in zip(changed, weights, strict=True)]
-    if not _within(ratios, _FAR):  # no positive weights near the rule's do it: leave them alone
-        changed, ratios = weights, [np.ones_like(w) for w in weights]
-    met = summed(piece.moments(w) for piece, w in zip(pieces, changed, strict=True))
-    left = np.abs((target - met) * sampled)[:, :n3].max(axis=1) / largest
-    ratio = np.concatenate(ratios)
+    sampled = moments.degree(weights) > 0.0
+    rows = np.repeat(sampled[:, None], moments.columns, axis=1)
+    rows[:, moments.three :] &= _four_known(targets)[moments.vertex][:, None]
+    iterations, rounds, damp = _effort(bonds, pairs)
+    new, count = weights, 0
+    for _ in range(rounds):
+        y, taken = _solve(moments, new, (target - now) * rows, rows, np.where(near, damp, 0.0), iterations)
+        count += taken
+        new = [w * ratio_of(s) for w, s in zip(new, moments.gathered(y), strict=True)]
+        now = moments.moments(new)
+    ratios = _ratios(new, weights)
+    if exact or not _within(ratios):
+        new = new if _within(ratios) else weights
+        new, taken = _exactly(bonds, type(moments), new, target, rows & ~near[:, None], largest)
+        count += taken
+        ratios, now = _ratios(new, weights), moments.moments(new)
+    if not _within(ratios):  # no positive weights near the rule's do it: leave them alone
+        new, ratios, now = weights, [np.ones_like(w) for w in weights], moments.moments(weights)
+    left = np.abs((target - now) * sampled[:, None] / moments.roots)[:, : moments.three].max(axis=1) / largest
+    met = np.where(near | (not exact), _MET, _MET_EXACTLY)
     return Balance(
-        changed,
-        np.flatnonzero(left > np.where(inner, _MISSED, _MISSED_NEAR)),
-        float(left[inner].max(initial=0.0)),
+        new,
+        np.sort(moments.vertex[left > met]),
+        float(left[~near].max(initial=0.0)),
         float(left.max()),
-        float(ratio.min()),
-        float(np.sqrt(np.mean((ratio - 1.0) ** 2))),
-        iterations,
+        float(min(x.min(initial=1.0) for x in ratios)),
+        float(np.sqrt(sum(float(((x - 1.0) ** 2).sum()) for x in ratios) / bonds.nbonds)),
+        count,
     )
 
 
-def _within(ratios: list[Floats], factor: float) -> bool:
-    return all(x.min() > 1.0 / factor and x.max() < factor for x in ratios)
+def _effort(bonds: BondList, pairs: bool) -> tuple[int, int, float]:
+    if pairs and bonds.dim > 1:
+        iterations, rounds, damp = _PAIRS[bonds.dim]
+        return iterations, getattr(bonds.rule, "rounds", rounds), damp
+    return _BALLS if bonds.samples.at_vertices or bonds.dim == 3 else _GAUSS
 
 
-def _incompatible(bonds: BondList, gap: Floats, layer: Bools) -> Floats:
-    """The part of ``target - moments`` that no weights can mend, spread over the layer near the boundary."""
-    mesh = bonds.mesh
-    Y = killing_tensors(mesh.p.T)
-    pieces, label = connected(mesh.t, mesh.nvertices)
-    out = np.zeros_like(gap)
-    for piece in range(pieces):
-        in_piece = label == piece
-        edge = in_piece & layer
-        left = np.einsum("vak,va->k", Y[in_piece], gap[in_piece])
-        basis = Y[edge].reshape(-1, Y.shape[2])
-        amount = np.linalg.lstsq(basis.T @ basis, left, rcond=1e-10)[0]
-        out[edge] = (basis @ amount).reshape(-1, gap.shape[1])
-    return out
+def _four_known(targets: Targets) -> Bools:
+    """Where moments of order four are known: everywhere by facets, inside by rays."""
+    known: Bools = (targets.values[:, -1] != 0.0) if targets.four_everywhere else targets.exact_four
+    return known
+
+
+def _solve(
+    moments: Moments, w: list[Floats], right: Floats, rows: Bools, damp: Floats, most: int, close: float = 0.0
+) -> tuple[Floats, int]:
+    """Solve ``(C W C^T + damp) y = right`` by conjugate gradients; return y and the iterations."""
+    weight = moments.degree(w)
+    scale = np.divide(1.0, weight, out=np.zeros_like(weight), where=weight > 0.0)[:, None]
+    damping, apply = (damp * weight)[:, None], moments.normal(w)
+
+    def preconditioned(r: Floats) -> Floats:
+        z: Floats = np.einsum("ni,ij->nj", r, moments.inverse) * scale * rows
+        return z
+
+    y, r = np.zeros_like(right), right * rows
+    z = preconditioned(r)
+    p, size = z, _dot(r, z)
+    first, taken = size, 0
+    while taken < most and size > close**2 * first:
+        q = apply(p) * rows + damping * p
+        length = size / _dot(p, q)
+        y, r = y + length * p, r - length * q
+        z = preconditioned(r)
+        before, size = size, _dot(r, z)
+        p = z + (size / before) * p
+        taken += 1
+    return y, taken
+
+
+def _dot(a: Floats, b: Floats) -> float:
+    """By NumPy: BLAS would wake threads for it, whose sums depend on how many there are."""
+    return float((a * b).sum())
+
+
+def _exactly(
+    bonds: BondList, kind: type[Moments], w: list[Floats], target: Floats, rows: Bools, largest: float
+) -> tuple[list[Floats], int]:
+    """Newton's method for the moments of order three alone; return the weights and the iterations."""
+    alone = kind(bonds, False)
+    rows, target, count = rows[:, : alone.columns], target[:, : alone.columns], 0
+    missed = (target - alone.moments(w)) * rows
+    for _ in range(_ROUNDS_EXACT):
+        worst = float(np.abs(missed).max(initial=0.0)) / largest
+        if worst <= _EXACT:
+            break
+        close = max(_LOOSE, 0.1 * _EXACT / worst)
+        y, taken = _solve(alone, w, missed, rows, np.zeros(len(rows)), _MOST, close)
+        count += taken
+        step, length = alone.gathered(y), 1.0
+        while length > 0.01:  # halve the step until it gains
+            trial = [a * ratio_of(length * s) for a, s in zip(w, step, strict=True)]
+            left = (target - alone.moments(trial)) * rows
+            if np.linalg.norm(left) < (1.0 - 0.1 * length) * np.linalg.norm(missed):
+                break
+            length *= 0.5
+        else:
+            break
+        w, missed = trial, left
+    return w, count
+
+
+def ratio_of(s: Floats) -> Floats:
+    """The ratio of new to old weights, ``s + sqrt(1 + s^2)``: positive, ``1 + s`` for small s, straight for large.
+
+    >>> ratio_of(np.array([-0.75, 0.0, 0.75])).tolist()
+    [0.5, 1.0, 2.0]
+    """
+    root = np.sqrt(1.0 + s * s)
+    # the other form where the terms would cancel
+    return np.where(s > 0.0, s + root, 1.0 / (root - np.minimum(s, 0.0)))
+
+
+def _ratios(new: list[Floats], old: list[Floats]) -> list[Floats]:
+    return [np.divide(v, w, out=np.ones_like(w), where=w > 0.0) for v, w in zip(new, old, strict=True)]
+
+
+def _within(ratios: list[Floats]) -> bool:
+    return all(x.min(initial=1.0) > 1.0 / _FAR and x.max(initial=1.0) < _FAR for x in ratios)

@@ -18,7 +18,7 @@ import scipy.sparse as sparse
 
 from .._compile import available
 from .._scaling import whole_power
-from .._threads import Threads
+from .._threads import all_threads
 from .._types import Bools, Floats, Ints, Longs, Mesh
 from ..geometry.simplices import outward_normals, vertex_sizes, vertex_volumes
 from ..geometry.tensors import monomials, powers
@@ -40,9 +40,10 @@ def facet_targets(bonds: BondList, with_four: bool = True) -> Targets:
     """Return moments of order three and four, ``2 V_i`` times those of the ball around the vertex.
 
     For bodies in two or three dimensions with w = 1. Where the whole ball lies inside they are 0, and ``H(0)`` times
-    the mean over the sphere. Without ``with_four`` those of order four are 0.
+    the mean over the sphere. Without ``with_four``, and in three dimensions, those of order four are 0.
     """
     mesh, dim, eps = bonds.mesh, bonds.dim, bonds.horizon
+    with_four = with_four and dim == 2
     influence = as_influence(bonds.influence)
     assert isinstance(influence, Influence)
     n3, n4 = (len(monomials(dim, order)) for order in (3, 4))
@@ -93,7 +94,7 @@ def _add_compiled(
     mesh: Mesh, pairs: _Pairs, eps: float, tables: Floats, whole: Floats, four: bool, values: Floats
 ) -> None:
     """Add what facets take off, in threads: each has vertices of its own."""
-    from .moment_loops import add_edges, add_triangles
+    from .facet_loops import add_edges, add_triangles
 
     if not len(pairs.vertex):  # all of them may have to look around corners
         return
@@ -108,7 +109,7 @@ def _add_compiled(
             x, corners, pairs.vertex[part], pairs.facet[part], least, eps, tables, whole, four, values
         )
 
-    list(Threads(None).map(act, range(len(edges) - 1)))
+    list(all_threads().map(act, range(len(edges) - 1)))
 
 
 def _cones(mesh: Mesh, marked: Bools) -> Iterator[tuple[Longs, Floats]]:
@@ -131,23 +132,13 @@ class _Pairs:
     @classmethod
     def of(cls, mesh: Mesh, facets: Ints, eps: float) -> _Pairs:
         """Return those of a mesh; the normal out of the body points away from the vertex."""
-        from scipy.spatial import cKDTree
-
         corners = mesh.p[:, mesh.facets[:, facets]]
         normal, _ = outward_normals(mesh, facets)
         middle = corners.mean(axis=1)
         radius = np.linalg.norm(corners - middle[:, None], axis=0).max(axis=0)
-        tree, far = cKDTree(middle.T), (eps + float(radius.max())) * (1.0 + 1e-9)
-        close = np.flatnonzero(np.isfinite(tree.query(mesh.p.T, distance_upper_bound=far)[0]))
-        found = cKDTree(mesh.p[:, close].T).sparse_distance_matrix(tree, far, output_type="ndarray")
-        vertex, facet = close[found["i"]].astype(np.int64), found["j"].astype(np.int64)
-        height = np.einsum("dn,dn->n", normal[:, facet], corners[:, 0, facet] - mesh.p[:, vertex])
-        # no closer than this: the height over the plane, and the way in the plane to a circle around the facet
-        aside = np.sqrt(np.maximum(found["v"] ** 2 - height**2, 0.0)) - radius[facet]
-        closest = np.hypot(height, np.maximum(aside, 0.0))
-        keep = np.flatnonzero((height > _FLAT * eps) & (closest < eps * (1.0 - _FLAT)))
-        keep = keep[np.argsort(vertex[keep], kind="stable")]
-        return cls(vertex[keep], facet[keep], corners)
+        search = _facing if available() else _facing_by_trees
+        vertex, facet = search(mesh.p, middle, normal, radius, eps)
+        return cls(vertex, facet, corners)
 
     def take(self, which: Bools) -> _Pairs:
         return _Pairs(self.vertex[which], self.facet[which], self.corners)
@@ -165,6 +156,49 @@ class _Pairs:
                 end = mesh.p[:, v[asked]] + (rho[asked] - inset) * e[asked].T
                 use[asked] = ~view.hidden(view.points[:, v[asked]], end, size[v[asked]])
             yield v[use], e[use], omega[use], rho[use]
+
+
+def _facing(x: Floats, middle: Floats, normal: Floats, radius: Floats, eps: float) -> tuple[Longs, Longs]:
+    """Vertices and facets that face each other within the horizon, in order, by compiled loops."""
+    from ..geometry.neighbour_loops import Cells
+    from .facet_loops import facing
+
+    dim = len(x)
+    points, circles = np.zeros((x.shape[1], 3)), np.zeros((len(radius), 7))
+    points[:, :dim], circles[:, :dim], circles[:, 3 : 3 + dim], circles[:, 6] = x.T, middle.T, normal.T, radius
+    cells = Cells.of(circles[:, :3], eps + float(radius.max()))
+    chunks = np.array_split(np.arange(len(points)), _TASKS)
+    place, close = cells.cell_of(points), eps * (1.0 - _FLAT)
+
+    def act(rows: Longs) -> tuple[Longs, Longs]:
+        count, room = np.empty(len(rows), dtype=np.int64), 32 * len(rows)
+        while True:
+            found = np.empty(room, dtype=np.int64)
+            arrays = cells.shape, cells.order, cells.start, circles
+            total = facing(points[rows], place[rows], *arrays, close, _FLAT * eps, found, count)
+            if total <= room:
+                return np.repeat(rows, count), found[:total]
+            room = total
+
+    vertex, facet = zip(*all_threads().map(act, chunks), strict=True)
+    return np.concatenate(vertex), np.concatenate(facet)
+
+
+def _facing_by_trees(x: Floats, middle: Floats, normal: Floats, radius: Floats, eps: float) -> tuple[Longs, Longs]:
+    """The same by search trees."""
+    from scipy.spatial import cKDTree
+
+    tree, far = cKDTree(middle.T), (eps + float(radius.max())) * (1.0 + 1e-9)
+    close = np.flatnonzero(np.isfinite(tree.query(x.T, distance_upper_bound=far)[0]))
+    found = cKDTree(x[:, close].T).sparse_distance_matrix(tree, far, output_type="ndarray")
+    vertex, facet = close[found["i"]].astype(np.int64), found["j"].astype(np.int64)
+    height = np.einsum("dn,dn->n", normal[:, facet], middle[:, facet] - x[:, vertex])
+    # no closer than this: the height over the plane, and the way in the plane to a circle around the facet
+    aside = np.sqrt(np.maximum(found["v"] ** 2 - height**2, 0.0)) - radius[facet]
+    closest = np.hypot(height, np.maximum(aside, 0.0))
+    keep = np.flatnonzero((height > _FLAT * eps) & (closest < eps * (1.0 - _FLAT)))
+    keep = keep[np.lexsort((facet[keep], vertex[keep]))]
+    return vertex[keep], facet[keep]
 
 
 def seen(corners: Floats, nearest: float) -> tuple[Longs, Floats, Floats, Floats]:

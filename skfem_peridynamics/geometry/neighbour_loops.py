@@ -3,15 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from .._compile import compiled
-from .._types import Floats, Longs
+from .._types import Floats, Ints, Longs
 
 _ROWS = 4096  # searched at a time
 _MOST_CELLS = 4  # a point: where points are far apart in a wide body, cells are widened
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Points sorted into cells, as wide as the reach or wider: whatever is within reach lies in touching ones.
+
+    ``order`` are the points cell by cell, and those of cell k are from ``start[k]`` to ``start[k + 1]``.
+    """
+
+    low: Floats
+    side: float
+    shape: Longs
+    order: Ints
+    start: Longs
+
+    @classmethod
+    def of(cls, points: Floats, reach: float) -> Cells:
+        """Return the cells of points (n, 3)."""
+        low, extent = points.min(axis=0), np.ptp(points, axis=0)
+        side = reach
+        while True:
+            shape = np.floor(extent / side).astype(np.int64) + 1
+            if shape.astype(float).prod() <= _MOST_CELLS * len(points) + 27:
+                break
+            # wider cells search more points than needed, and stay right
+            side *= 1.5
+        cell = np.minimum(((points - low) / side).astype(np.int64), shape - 1)
+        number = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
+        order = np.argsort(number, kind="stable").astype(np.int32)
+        start = np.searchsorted(number[order], np.arange(int(shape.prod()) + 1))
+        return cls(low, side, shape, order, start)
+
+    def cell_of(self, points: Floats) -> Longs:
+        """Return the cell of points (n, 3) along each axis, also of those beside all cells."""
+        cell: Longs = np.floor((points - self.low) / self.side).astype(np.int64)
+        return cell
 
 
 def pairs(x: Floats, reach: float) -> Iterator[tuple[Longs, Longs, Floats]]:
@@ -19,18 +56,13 @@ def pairs(x: Floats, reach: float) -> Iterator[tuple[Longs, Longs, Floats]]:
     dim, n = x.shape
     points = np.zeros((n, 3))
     points[:, :dim] = x.T
-    low, extent = points.min(axis=0), np.ptp(points, axis=0)
-    side = reach
-    while True:
-        shape = np.floor(extent / side).astype(np.int64) + 1
-        if shape.astype(float).prod() <= _MOST_CELLS * n + 27:
-            break
-        # wider cells search more points than needed, and stay right
-        side *= 1.5
-    cell = np.minimum(((points - low) / side).astype(np.int64), shape - 1)
-    number = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
-    order = np.argsort(number, kind="stable").astype(np.int32)
-    start = np.searchsorted(number[order], np.arange(int(shape.prod()) + 1))
+    cells = Cells.of(points, reach)
+    cell, shape, order, start = (
+        np.minimum(cells.cell_of(points), cells.shape - 1),
+        cells.shape,
+        cells.order,
+        cells.start,
+    )
     count, room = np.zeros(_ROWS, dtype=np.int64), 1 << 16
     for first in range(0, n, _ROWS):
         last = min(n, first + _ROWS)

@@ -1,4 +1,4 @@
-"""Symmetric tensors as coefficients of monomials: moments of bond directions, and Killing tensors of valence three."""
+"""Symmetric tensors as coefficients of monomials: moments of bond directions."""
 
 from __future__ import annotations
 
@@ -24,31 +24,3 @@ def powers(e: Floats, order: int) -> Floats:
     for degree in range(1, order + 1):
         known = {index: known[index[:-1]] * e[:, index[-1]] for index in monomials(e.shape[1], degree)}
     return np.stack(list(known.values()), axis=1)
-
-
-def killing_tensors(x: Floats) -> Floats:
-    """Return the Killing tensors of valence three at points (n, dim), coefficients of the monomials, (n, n3, count).
-
-    They are products of three of ``e_i`` and ``x_i e_j - x_j e_i``: 1, 10 and 50 of them in 1D, 2D and 3D (56 products
-    in 3D, six of which depend on the others).
-    """
-    n, dim = x.shape
-    x = (x - x.mean(axis=0)) / max(float(np.ptp(x, axis=0).max()), np.finfo(float).tiny)
-    forms = [np.tile(unit, (n, 1)) for unit in np.eye(dim)]
-    for i in range(dim):
-        for j in range(i + 1, dim):
-            turn = np.zeros((n, dim))
-            # the rotation in the plane of the axes i and j
-            turn[:, j], turn[:, i] = x[:, i], -x[:, j]
-            forms.append(turn)
-    index = monomials(dim, 3)
-    place = {key: k for k, key in enumerate(index)}
-    out = []
-    for a, b, c in combinations_with_replacement(range(len(forms)), 3):
-        tensor = np.zeros((n, len(index)))
-        for i in range(dim):
-            for j in range(dim):
-                for k in range(dim):
-                    tensor[:, place[tuple(sorted((i, j, k)))]] += forms[a][:, i] * forms[b][:, j] * forms[c][:, k]
-        out.append(tensor)
-    return np.stack(out, axis=2)
