@@ -23,13 +23,15 @@ from ..solve.cfl import SAFETY, StepLimit, stable_time_step
 from ..solve.constraints import Prescribed
 from .known_motion import Motion
 
-_FARTHEST = 8.0  # how far below the smallest error of its runs seconds are extrapolated
 TIME_SHARE = 0.3  # of the error that the time step may make; a run that finds more is repeated with a smaller step
 
 
 @dataclass(frozen=True)
 class Row:
-    """One run: what it was, what it cost, what it missed. Errors are relative to the norms of the field."""
+    """One run: what it was, what it cost, what it missed. Errors are relative to the norms of the field.
+
+    ``interpolation`` is the error of the motion itself, interpolated at the vertices of the mesh.
+    """
 
     problem: str
     dim: int
@@ -47,6 +49,7 @@ class Row:
     error_l2: float
     error_h1: float
     error_velocity: float
+    interpolation: float
     time_error: float
     seconds_setup: float
     seconds_steps: float
@@ -157,6 +160,7 @@ def measure(
             break
         dt = min(0.7 * dt, float(np.sqrt(0.6 * share * l2 / constant)))
     velocity, _ = problem.errors(mesh, state.v, state.t, derivative=1)
+    interpolation, _ = problem.errors(mesh, problem.g(state.t) * problem.field(mesh.p.T).ravel(), state.t)
     return Row(
         problem=name,
         dim=problem.dim,
@@ -174,6 +178,7 @@ def measure(
         error_l2=l2,
         error_h1=h1,
         error_velocity=velocity,
+        interpolation=interpolation,
         time_error=constant * state.dt**2,
         seconds_setup=setup.seconds,
         seconds_steps=seconds,

@@ -12,15 +12,25 @@ from .rates import rate
 Table: TypeAlias = tuple[str, tuple[str, ...], list[tuple[Any, ...]]]  # heading, columns, rows
 
 
+@dataclass(frozen=True)
+class Level:
+    """A scene on one of its meshes: vertices, seconds of set-up and steps, and its estimated error."""
+
+    nodes: int
+    seconds: float
+    error: float
+
+
 @dataclass
 class Result:
-    """What a study found: rows of runs, and tables of (heading, columns, rows)."""
+    """What a study found: rows of runs, tables of (heading, columns, rows), and of a scene its levels."""
 
     name: str
     what: str
     quick: bool
     rows: list[Row] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
+    levels: list[Level] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
 

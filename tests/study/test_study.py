@@ -195,10 +195,10 @@ def test_seconds_to_an_error():
     rows = [at(10, 1e-2, 1.0), at(20, 1e-3, 100.0)]
     assert seconds_to(rows, 1e-2) == 1.0
     assert seconds_to(rows, 10**-2.5) == pytest.approx(10.0)
-    assert seconds_to(rows, 2e-4) == pytest.approx(100 * 5.0**2)
-    assert np.isnan(seconds_to(rows, 1e-4))
+    assert seconds_to(rows, 1e-3) == pytest.approx(100.0)
+    assert np.isnan(seconds_to(rows, 0.99e-3))  # what no run reached is not foretold
     assert np.isnan(seconds_to([rows[0], at(20, 0.9e-2, 2.0)], 1e-3))
-    assert seconds_to([rows[0], at(20, 1e-3, 0.5)], 2e-4) == pytest.approx(0.5)
+    assert seconds_to([rows[0], at(20, 1e-3, 0.5)], 10**-2.5) == pytest.approx(0.5**0.5)
     assert np.isnan(seconds_to(rows[:1], 1e-3))
     assert pareto([3.0, 1.0, 2.0, 4.0], [1e-3, 1e-1, 1e-2, 2e-3]) == [1, 2, 0]
     assert rate([1.0, 0.5], [1.0, 0.125]).tolist() == [3.0]

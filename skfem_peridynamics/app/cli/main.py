@@ -110,10 +110,11 @@ def make_parser() -> argparse.ArgumentParser:
     cfl.add_argument("--influence", choices=("constant", "conical", "gaussian"), default=None)
     cfl.add_argument("--json", action="store_true", help="print the numbers as JSON")
 
-    study = commands.add_parser("study", help="error against run time: a study by its name, or of a scene")
-    study.add_argument("what", nargs="?", metavar="NAME_OR_SCENE")
+    study = commands.add_parser("study", help="error against run time: a study by its name, all of them, or of a scene")
+    study.add_argument("what", nargs="?", metavar="NAME_OR_SCENE", help='a name of --list, "all", or a scene file')
     study.add_argument("--out", type=_folder, metavar="DIR")
     study.add_argument("--quick", action="store_true", help="fewer sizes")
+    study.add_argument("--resume", action="store_true", help="go on where an earlier run of this command was stopped")
     study.add_argument("--list", action="store_true", help="name the studies, one a line")
     study.add_argument("--quiet", action="store_true", help="no line a run")
 

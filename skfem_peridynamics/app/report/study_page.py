@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import json
 from collections.abc import Callable, Sequence
@@ -16,12 +17,13 @@ from ..._files import remove
 from ..._version import __version__
 from ...study.measure import Row, as_dict
 from ...study.rates import pareto, seconds_to
-from ...study.result import Result, rates
+from ...study.result import Level, Result, rates
 from ..files.history import plain
 from ..files.whole_files import write_whole
 from .figure import new_figure, save
 
-TARGETS = (1e-2, 1e-3, 1e-4)
+TARGETS = {1: (1e-2, 1e-3, 1e-4), 2: (1e-2, 1e-3, 1e-4), 3: (1e-2, 3e-3)}
+_NOT = "not reached"
 FILES = ("study.json", "study.csv", "study.md", "study.png")
 
 
@@ -37,11 +39,43 @@ def write_study(folder: Path, outcome: Result, pictures: bool) -> list[str]:
     names = ["study.json", "study.csv", "study.md"]
     write_rows(folder, outcome)
     write_whole(folder / "study.md", as_markdown(outcome))
-    if pictures and outcome.rows:
-        plot_work_precision(folder / "study.png", outcome.rows, outcome.what)
+    if pictures and (outcome.rows or outcome.levels):
+        if outcome.rows:
+            plot_work_precision(folder / "study.png", outcome.rows, outcome.what)
+        else:
+            plot_levels(folder / "study.png", outcome.levels, f"{outcome.name}: {outcome.what}")
         names.append("study.png")
     write_whole(folder / "study.json", as_json(outcome))
     return names
+
+
+def read_rows(folder: Path) -> list[Row]:
+    """Return the rows that a study which was stopped left in ``study.csv``; none where there is no such file.
+
+    Raises ``ValueError`` for a file that is not of this version's studies.
+    """
+    path = folder / "study.csv"
+    if not path.exists():
+        return []
+    kinds = {field.name: {"str": str, "int": int, "float": float}[str(field.type)] for field in dataclasses.fields(Row)}
+    rows = []
+    with open(path, newline="") as file:
+        for number, line in enumerate(csv.DictReader(file), 2):
+            try:
+                rows.append(Row(**{name: kind(line[name]) for name, kind in kinds.items()}))
+            except (KeyError, TypeError, ValueError) as error:
+                raise ValueError(f"{path}, line {number}: not a row of a study of this version ({error})") from error
+    return rows
+
+
+def is_whole(folder: Path, name: str, quick: bool) -> bool:
+    """Return whether a study of this version has been run to its end in a folder, with as many sizes."""
+    try:
+        content = json.loads((folder / "study.json").read_text())
+        found = [content[key] for key in ("study", "quick", "version")]
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+    return found == [name, quick, __version__]
 
 
 def as_json(outcome: Result) -> str:
@@ -56,6 +90,7 @@ def as_json(outcome: Result) -> str:
             {"heading": heading, "columns": list(columns), "rows": [[plain(x) for x in row] for row in rows]}
             for heading, columns, rows in outcome.tables
         ],
+        "levels": [dataclasses.asdict(level) for level in outcome.levels],
         "notes": outcome.notes,
     }
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
@@ -121,12 +156,23 @@ def race_tables(rows: Sequence[Row]) -> list[tuple[str, tuple[str, ...], list[tu
                 table.append(
                     (
                         *(name, f"{row.per_horizon:.3g}", f"{row.bonds / row.nodes:.0f}", row.steps),
-                        *(row.error_l2, l2, row.error_h1, h1, row.error_velocity, row.time_error),
+                        *(row.error_l2, l2, row.interpolation, row.error_h1, h1, row.error_velocity, row.time_error),
                         *(row.seconds_setup, row.seconds_steps, front),
                     )
                 )
         columns = (
-            *("scheme", "eps/h", "bonds a node", "steps", "L2 error", "rate", "H1 error", "rate", "velocity"),
+            *(
+                "scheme",
+                "eps/h",
+                "bonds a node",
+                "steps",
+                "L2 error",
+                "rate",
+                "interpolation",
+                "H1 error",
+                "rate",
+                "velocity",
+            ),
             *("of it time", "set-up s", "steps s", "front"),
         )
         out.append((f"{kind} meshes: errors at the end, relative", columns, table))
@@ -142,21 +188,37 @@ def reach_table(rows: Sequence[Row]) -> tuple[tuple[str, ...], list[tuple[Any, .
         "set-up and steps": lambda row: row.seconds,
     }
     for heading, cost in costs.items():
-        for target in TARGETS:
+        for target in TARGETS[rows[0].dim]:
             best: dict[str, tuple[float, str]] = {}
             for name, rows_of_scheme in by_scheme(rows):
                 seconds = seconds_to(rows_of_scheme, target, cost)
                 family = rows_of_scheme[0].family
                 if np.isfinite(seconds) and seconds < best.get(family, (np.inf, ""))[0]:
-                    beyond = min(row.error_l2 for row in rows_of_scheme) > target
-                    best[family] = seconds, f"{name}{' (extrapolated)' if beyond else ''}"
-            nothing = (float("nan"), "-")
-            classical, pairs, ball = (best.get(family, nothing) for family in ("classical", "pairs", "ball"))
-            far = " (extrapolated)" if "extrapolated" in classical[1] else ""
-            gain = classical[0] / np.nanmin([pairs[0], ball[0]]) if best.keys() - {"classical"} else float("nan")
-            table.append((heading, f"{target:g}", f"{shown(classical[0])}{far}", *pairs, *ball, gain))
+                    best[family] = seconds, name
+            classical, pairs, ball = (best.get(family, (_NOT, "-")) for family in ("classical", "pairs", "ball"))
+            others = [seconds for family, (seconds, _) in best.items() if family != "classical"]
+            gain = best["classical"][0] / min(others) if others and "classical" in best else float("nan")
+            table.append((heading, f"{target:g}", classical[0], *pairs, *ball, gain))
     columns = ("seconds of", "error", "classical", "pairs", "which", "ball", "which", "times cheaper")
     return columns, table
+
+
+def plot_levels(path: Path, levels: Sequence[Level], title: str) -> None:
+    """Draw the estimated errors of a scene on its meshes against seconds, log-log."""
+    figure = new_figure(6.4, 4.8)
+    axes = figure.subplots()
+    seconds, error = [level.seconds for level in levels], [level.error for level in levels]
+    axes.loglog(error, seconds, "o-", ms=5, lw=1.3)
+    for level in levels:
+        text = f"{level.nodes:,} vertices\n{level.seconds:.3g} s, {level.error:.1e}"
+        axes.annotate(text, (level.error, level.seconds), (8, -4), textcoords="offset points", fontsize=9)
+    axes.set_xlabel("estimated relative L2 error of u")
+    axes.set_ylabel("seconds, set-up and steps")
+    axes.set_xlim(max(error) * 1.6, min(error) / 2.5)
+    axes.set_ylim(min(seconds) / 1.6, max(seconds) * 1.6)
+    axes.grid(True, which="both", alpha=0.3)
+    axes.set_title(title, fontsize=10, wrap=True)
+    save(figure, path)
 
 
 def plot_work_precision(path: Path, rows: Sequence[Row], title: str) -> None:

@@ -16,7 +16,7 @@ from ..._clock import Clock
 from ..._memory import free_memory
 from ..._types import Csr, Floats, Mesh
 from ...model.mass import mass_matrix
-from ...study.result import Result
+from ...study.result import Level, Result
 from ..files.whole_files import make_folder
 from ..problem.cost import SPARE
 from ..problem.problem import Problem
@@ -154,6 +154,8 @@ def study_scene(scene: Scene, out: Path, report: Callable[[str], None], levels: 
         missed = gaps[-1] / (2.0**p - 1.0) * 2.0 ** (p * (len(runs) - 1 - k)) if gaps else float("nan")
         size = (int(run.problem.mesh.nvertices), int(run.problem.bonds.nbonds), run.steps)
         rows.append((k, *size, gap, missed, run.seconds_setup, run.seconds_steps))
+        if missed > 0.0:
+            study.levels.append(Level(size[0], run.seconds_setup + run.seconds_steps, missed))
     columns = ("refined", "nodes", "bonds", "steps", "distance to the next", "estimated error", "set-up s", "steps s")
     study.tables.append((f"Relative L2 error of u, {first.rule_name}, {first.scheme_name}", columns, rows))
     if len(gaps) > 1:
