@@ -102,6 +102,10 @@ def test_study_of_a_scene(tmp_path, capsys, monkeypatch):
     errors = [row[table["columns"].index("estimated error")] for row in table["rows"]]
     assert len(errors) == 3
     assert 3 < errors[0] / errors[1] < 5
+    levels = json.loads((tmp_path / "out" / "study.json").read_text())["levels"]
+    assert [level["error"] for level in levels] == errors
+    assert [level["nodes"] for level in levels] == [row[table["columns"].index("nodes")] for row in table["rows"]]
+    assert (tmp_path / "out" / "study.png").stat().st_size > 10_000
     monkeypatch.setattr(estimate, "free_memory", lambda: 1.0)
     assert main(words) == 0
     assert "is left out" in (tmp_path / "out" / "study.md").read_text()

@@ -22,6 +22,7 @@ from skfem_peridynamics import Scene, run
 from skfem_peridynamics.app.cli.main import main
 from skfem_peridynamics.app.files.identity import as_tables
 from skfem_peridynamics.app.files.results import Results
+from skfem_peridynamics.app.report.figure import new_figure, save
 from skfem_peridynamics.app.report.run_page import page
 from skfem_peridynamics.app.scene.reading import SceneError
 from skfem_peridynamics.app.scene.toml_text import to_toml
@@ -661,3 +662,22 @@ def test_summaries_and_rows_that_no_run_writes(tmp_path):
         (tmp_path / name).write_text(whole[name])
     assert refused > 300
     assert len(cases) - refused > 300
+
+
+def test_logarithmic_axes_are_numbered_without_mathematics(tmp_path):
+    """No text is taken for mathematics, so none may be written as such: 0.01, not $10^{-2}$."""
+    figure = new_figure(4, 3)
+    wide, narrow = figure.subplots(1, 2)
+    wide.loglog([1e-3, 1e1], [1.0, 1e4])
+    narrow.loglog([0.2, 0.3], [0.02, 0.05])
+    save(figure, tmp_path / "axes.png")
+    figure.canvas.draw()
+    labels = [
+        label.get_text()
+        for axes in (wide, narrow)
+        for axis in (axes.xaxis, axes.yaxis)
+        for label in (*axis.get_ticklabels(), *axis.get_ticklabels(minor=True))
+    ]
+    assert "0.01" in labels
+    assert sum(bool(text) for text in labels) > 8
+    assert not any("$" in text or "math" in text for text in labels)

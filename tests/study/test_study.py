@@ -1,5 +1,6 @@
 """The study: exact forces against other quadratures, rates, work-precision data, what the command writes."""
 
+import contextlib
 import csv
 import dataclasses
 import json
@@ -12,7 +13,8 @@ from skfem_peridynamics import BallRule, Exponential, Linear, PairRule, Rational
 from skfem_peridynamics.app.cli.main import main
 from skfem_peridynamics.geometry.boxes import unit_box
 from skfem_peridynamics.model.discretisation import CLASSICAL, Discretisation
-from skfem_peridynamics.study.catalogue import STUDIES, contestants
+from skfem_peridynamics.study import catalogue
+from skfem_peridynamics.study.catalogue import STUDIES, Study, contestants
 from skfem_peridynamics.study.exact_force import force_moments
 from skfem_peridynamics.study.known_motion import law_of
 from skfem_peridynamics.study.manufactured import Manufactured
@@ -229,17 +231,56 @@ def test_the_command_writes_a_study(tmp_path, capsys):
     assert (tmp_path / "out" / "study.png").stat().st_size > 50_000
 
 
+def test_a_study_that_was_stopped_is_gone_on_with(tmp_path, capsys, monkeypatch):
+    """Rows that are there are not run again, a study that is whole not at all, and other files are told from rows."""
+    small = dataclasses.replace(STUDIES["waves-1d"].comparison, quick_sizes=(25, 50))
+    monkeypatch.setattr(catalogue, "contestants", lambda dim, quick: [catalogue.fixed(CLASSICAL)])
+    monkeypatch.setattr(catalogue, "STUDIES", {"waves-1d": Study("waves", small), "twice": Study("the same", small)})
+    done = []
+    real = catalogue.measure
+
+    def stopped(motion, name, kind, mesh, n, *rest):
+        done.append((name, kind, n))
+        if len(done) == 3:
+            raise KeyboardInterrupt
+        return real(motion, name, kind, mesh, n, *rest)
+
+    monkeypatch.setattr(catalogue, "measure", stopped)
+    words = ["study", "all", "--quick", "--out", str(tmp_path / "out")]
+    with contextlib.suppress(KeyboardInterrupt):
+        main(words)
+    assert len((tmp_path / "out" / "waves-1d" / "study.csv").read_text().splitlines()) == 3
+    first = (tmp_path / "out" / "waves-1d" / "study.csv").read_text()
+    assert not (tmp_path / "out" / "waves-1d" / "study.json").exists()
+    assert main([*words, "--resume"]) == 0
+    wanted = [(name, kind, n) for name in ("waves-1d", "twice") for kind in ("regular", "random") for n in (25, 50)]
+    assert [x for k, x in enumerate(done) if k != 2] == wanted
+    assert (tmp_path / "out" / "waves-1d" / "study.csv").read_text().startswith(first)
+    capsys.readouterr()
+    assert main([*words, "--resume"]) == 0
+    assert capsys.readouterr().out.count("is whole in") == 2
+    assert len(done) == 9
+    assert main(words) == 0  # unasked it begins anew
+    assert len(done) == 17
+    (tmp_path / "out" / "twice" / "study.json").unlink()
+    (tmp_path / "out" / "twice" / "study.csv").write_text("problem,dim\nx,one\n")
+    assert main([*words, "--resume"]) == 2
+    assert "line 2: not a row of a study" in capsys.readouterr().err
+
+
 def test_the_command_knows_its_studies(tmp_path, capsys):
     assert main(["study", "--list"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(STUDIES)
     for words, told in (
         (["smoth-1d", "--out", str(tmp_path / "a")], "did you mean 'smooth-1d'?"),
         (["nothing.toml", "--out", str(tmp_path / "a")], "scene 'nothing.toml' cannot be read"),
-        (["smooth-1d"], "study needs a name or a scene, and --out DIR"),
+        (["smooth-1d"], "study needs a name, all, or a scene, and --out DIR"),
     ):
         assert main(["study", *words]) == 2
         assert told in capsys.readouterr().err
     assert not (tmp_path / "a").exists()
+    assert main(["study", "scene.toml", "--resume", "--out", str(tmp_path / "a")]) == 2
+    assert "is not resumed" in capsys.readouterr().err
     (tmp_path / "file").write_text("")
     assert main(["study", "theorems", "--out", str(tmp_path / "file")]) == 2
     assert "is not a folder" in capsys.readouterr().err

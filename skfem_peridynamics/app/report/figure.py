@@ -7,12 +7,9 @@ import io
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..files.whole_files import write_whole
-
-if TYPE_CHECKING:
-    pass
 
 
 def available() -> bool:
@@ -48,10 +45,20 @@ def save(figure: Any, path: Path) -> None:
     with warnings.catch_warnings():
         # a title may use letters that the font lacks: boxes are drawn for them
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+        _number_plainly(figure)
         for text in figure.findobj(_is_text):
             text.set_parse_math(False)
         figure.savefig(content, format="png")
     write_whole(path, content.getvalue())
+
+
+def _number_plainly(figure: Any) -> None:
+    """Number logarithmic axes without mathematics."""
+    from matplotlib.ticker import LogFormatter, StrMethodFormatter
+
+    for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis) if axis.get_scale() == "log"):
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.set_minor_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(1.0, 0.4)))
 
 
 def _is_text(artist: Any) -> bool:

@@ -214,7 +214,7 @@ def plot_levels(path: Path, levels: Sequence[Level], title: str) -> None:
         axes.annotate(text, (level.error, level.seconds), (8, -4), textcoords="offset points", fontsize=9)
     axes.set_xlabel("estimated relative L2 error of u")
     axes.set_ylabel("seconds, set-up and steps")
-    axes.set_xlim(max(error) * 1.6, min(error) / 2.5)
+    axes.set_xlim(max(error) * 1.6, min(error) / 5.0)
     axes.set_ylim(min(seconds) / 1.6, max(seconds) * 1.6)
     axes.grid(True, which="both", alpha=0.3)
     axes.set_title(title, fontsize=10, wrap=True)
