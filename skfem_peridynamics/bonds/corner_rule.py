@@ -28,10 +28,10 @@ from .rule import Part, rows_of
 from .samples import Samples, vertex_samples
 
 _GOLDEN = 0.6180339887498949  # turns from vertex to vertex: no two near ones have directions in common
-_FEWEST = 3, 6  # nodes along a direction, directions of half a ball
+_FEWEST = 3, 5  # nodes along a direction, directions of half a ball
 _PER_POINT = 3.7  # bonds of a point of half a ball: of its six corners many are those of others, too
-# what may be left of the largest moment inside and near the boundary, and the least factor of a weight: 0.009, 0.042
-# and 0.19 were the worst in bodies where the errors are those of all pairs or less
+# what may be left of the largest moment inside and near the boundary, and the least factor of a weight: 0.011, 0.042
+# and 0.14 were the worst in bodies where the errors are those of all pairs or less
 _LEFT, _LEAST = (0.03, 0.1), 0.05
 _NOTHING = 1e-12  # of the largest weight: a corner that has no share
 
@@ -42,7 +42,7 @@ class CornerRule:
 
     Around each vertex a ball of ``radial`` Gauss nodes along ``2 angular`` directions, turned by another angle at each
     vertex; each of its points is shared among the corners of its element. Without counts they follow the mesh: at m
-    vertices per horizon max(3, m / 5) nodes and max(6, 3 m / 4) directions.
+    vertices per horizon max(3, m / 5) nodes and max(5, 3 m / 5) directions.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class CornerRule:
     --------
     >>> import skfem
     >>> CornerRule().fitted(skfem.MeshTri().refined(5), horizon=0.25)                  # m = 8
-    CornerRule(radial=3, angular=6)
+    CornerRule(radial=3, angular=5)
     """
 
     radial: int | None = None
@@ -122,7 +122,7 @@ class CornerRule:
             The rule, both counts given.
         """
         m = horizon / float(np.quantile(vertex_sizes(mesh), 0.25))
-        radial, angular = max(_FEWEST[0], round(0.2 * m)), max(_FEWEST[1], round(0.75 * m))
+        radial, angular = max(_FEWEST[0], round(0.2 * m)), max(_FEWEST[1], round(0.6 * m))
         return dataclasses.replace(self, radial=self.radial or radial, angular=self.angular or angular)
 
     def samples(self, mesh: Mesh) -> Samples:

@@ -4,6 +4,7 @@ import logging
 
 import numpy as np
 import pytest
+from ligament import rectangle, torn
 
 import faults
 from bodies import body_on, box, grid, vector_basis
@@ -43,7 +44,7 @@ def toughness(bonds, directions=24, levels=8):
     return np.array(out) / Peridynamics(bonds, Linear(1.0)).crossing
 
 
-# over 24 directions; measured at 4 per horizon 0.990 to 1.004, 0.997 to 1.003, 0.985 to 1.004, at 8 0.995 to 1.003
+# over 24 directions; measured at 4 per horizon 0.989 to 1.004, 0.996 to 1.001, 0.986 to 1.005, at 8 0.997 to 1.005
 @pytest.mark.parametrize("kind", ["structured", "random", "graded"])
 @pytest.mark.parametrize(("per_horizon", "most"), [(4, 0.015), (8, 0.01)])
 def test_cracks_in_all_directions_cost_their_toughness(kind, per_horizon, most):
@@ -66,13 +67,13 @@ def errors(kind, counts, rule, step):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["random", "structured"])
-def test_as_accurate_as_all_pairs_for_two_thirds_of_their_bonds(kind):
+def test_as_accurate_as_all_pairs_for_three_fifths_of_their_bonds(kind):
     """At eight vertices per horizon, in L2."""
     (corners,), (pairs,) = (errors(kind, [64], rule, 13.0) for rule in (CornerRule(), PairRule()))
     counts = [BondBasis(vector_basis(box(2, 64, kind)), 0.125, rule=rule).nbonds for rule in (CornerRule(), PairRule())]
     print(f"{kind}: {corners:.2e} and {pairs:.2e} for {counts[0] / counts[1]:.2f} of the bonds")
     assert corners < pairs
-    assert counts[0] < 0.67 * counts[1]
+    assert counts[0] < 0.6 * counts[1]  # 0.58 and 0.56
 
 
 @pytest.mark.long
@@ -85,8 +86,26 @@ def test_it_converges_at_second_order(kind):
     assert rate > 1.7
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["structured", "random"])
+def test_a_torn_ligament_costs_what_it_costs_with_balanced_pairs(kind):
+    """A strip torn along 24 horizons: 0.9814 of G_c and 0.9812 with pairs; on a random mesh 0.988 and 0.995."""
+    costs = {}
+    for rule in (CornerRule(), PairRule()):
+        mesh = rectangle(32.0, 12.0, 0.25)
+        x, y = mesh.p
+        free = (np.abs(x) < 15.99) & (np.abs(y) < 5.99) & ~((np.abs(y) < 1e-9) & (x < -8 + 1e-9))
+        shift = 0.075 * np.random.default_rng(0).uniform(-1, 1, (2, free.sum()))
+        if kind == "random":
+            mesh.p[:, free] += shift
+        bonds = BondBasis(vector_basis(slit(mesh, Crack([[-16.0, 0.0], [-8.0, 0.0]]))), 1.0, rule=rule).balanced()
+        costs[type(bonds.rule)] = torn(2, 1 / 3, bonds)
+    print(kind, {rule.__name__: f"{cost:.4f}" for rule, cost in costs.items()})
+    assert costs[CornerRule] == pytest.approx(costs[PairRule], rel=0.01)
+
+
 def test_counts_follow_the_mesh_and_the_estimate_is_right():
-    for n, counts in ((32, (3, 6)), (64, (3, 6)), (128, (3, 12))):
+    for n, counts in ((32, (3, 5)), (64, (3, 5)), (128, (3, 10))):
         mesh = box(2, n)
         assert CornerRule().fitted(mesh, 0.125) == CornerRule(*counts)
         if n < 100:
@@ -132,7 +151,7 @@ SCENE = faults.SMALL.replace("bonds = {horizon = 0.13}", 'bonds = {horizon = 0.2
 def test_scenes_run_break_and_go_on(breaking, tmp_path):
     content = SCENE.replace("density = 1.0", "density = 1.0, breaking = 1.5") if breaking else SCENE
     whole = run(Scene.parse(content), tmp_path / "whole")
-    assert whole["rule"] == "corner pairs 3 x 6"
+    assert whole["rule"] == "corner pairs 3 x 5"
     assert whole["softened_bonds"] > 0
     assert whole["smallest_weight_ratio"] > 0.05
     faults.stop(Scene.parse(content), tmp_path / "stopped", 7)
