@@ -42,7 +42,7 @@ class CornerRule:
 
     Around each vertex a ball of ``radial`` Gauss nodes along ``2 angular`` directions, turned by another angle at each
     vertex; each of its points is shared among the corners of its element. Without counts they follow the mesh: at m
-    vertices per horizon max(3, m / 5) nodes and max(5, 3 m / 5) directions.
+    vertices per horizon max(3, m / 5) nodes and max(5, m - 3) directions.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class CornerRule:
             The rule, both counts given.
         """
         m = horizon / float(np.quantile(vertex_sizes(mesh), 0.25))
-        radial, angular = max(_FEWEST[0], round(0.2 * m)), max(_FEWEST[1], round(0.6 * m))
+        radial, angular = max(_FEWEST[0], round(0.2 * m)), max(_FEWEST[1], round(m - 3.0))
         return dataclasses.replace(self, radial=self.radial or radial, angular=self.angular or angular)
 
     def samples(self, mesh: Mesh) -> Samples:
