@@ -146,8 +146,13 @@ class BondList:
 
     @property
     def plain(self) -> bool:
-        """Whether J and w are 1 everywhere."""
-        return self.vertex_weight is None and as_influence(self.influence) is constant
+        """Whether nothing but weights is in the measure of a bond: no w, and J 1 or in the weights."""
+        return self.vertex_weight is None and (self._held or as_influence(self.influence) is constant)
+
+    @property
+    def _held(self) -> bool:
+        """Whether the rule's weights hold the influence function."""
+        return bool(getattr(self.rule, "holds_influence", False))
 
     def measure_of(self, part: Part) -> Floats:
         """Return ``k = c weight w(x) w(y) J(r / horizon)`` of a part: ``PD = sum k f(r S^2)``, (nbonds,)."""
@@ -164,7 +169,9 @@ class BondList:
         return 1.0 if w is None else part.near(w) * np.clip(part.far(w), 0.0, 1.0)
 
     def influence_of(self, part: Part) -> Floats:
-        """Return ``J(r / horizon)`` of a part, (nbonds,)."""
+        """Return ``J(r / horizon)`` of a part, (nbonds,); 1 where the weights of the rule hold it."""
+        if self._held:
+            return np.ones(part.nbonds)
         return as_influence(self.influence)(np.linalg.norm(part.vectors(), axis=1) / self.horizon)
 
     def vectors(self) -> Floats:

@@ -157,7 +157,7 @@ class PairRule:
         near: list[Longs] = []
         far: list[Ints] = []
         row, count = 0, 0
-        for i, j in self._chunks(mesh, samples, horizon):
+        for i, j in self.ends_within(mesh, samples, horizon):
             near, far, count = [*near, i], [*far, j], count + len(i)
             if count >= bond_parts.BLOCK:
                 # enough for a part: cut at rows, and keep the last run, which the next chunk may go on with
@@ -176,8 +176,23 @@ class PairRule:
                 if start[run.start] < start[run.stop]:
                     yield _part(samples, row + run.start, start[run.start : run.stop + 1], j, reach)
 
-    def _chunks(self, mesh: Mesh, samples: Samples, horizon: float) -> Iterator[tuple[Longs, Ints]]:
-        """Near and far ends, sorted; all of a row come together."""
+    def ends_within(self, mesh: Mesh, samples: Samples, horizon: float) -> Iterator[tuple[Longs, Ints]]:
+        """Yield near and far ends of the bonds, sample numbers, sorted; all of a row come together.
+
+        Parameters
+        ----------
+        mesh : skfem.Mesh
+            Lines, triangles or tetrahedra.
+        samples : Samples
+            The points of the rule on that mesh.
+        horizon : float
+            A length.
+
+        Yields
+        ------
+        tuple of ndarray of int
+            Near and far ends.
+        """
         size, points = samples.size, samples.points.T
         reach = self._reach(horizon, size)
         if self.points == "vertices":

@@ -29,6 +29,7 @@ _LEBEDEV = {
     31: (1.02, 0.67, 0.49),
 }
 FINE, FINER = 0.15, 0.6  # edge over distance, squared, from which a triangle is seen in 4 and in 16 parts
+_GOLDEN, _ROOT = 0.6180339887498949, 1.2207440846057596
 _TABLE = 4096  # of cumulative moments
 _PANELS, _DENSE = 16, 24  # the fine rule that stands for the integral of J
 
@@ -96,6 +97,32 @@ def half_sphere(dim: int, at_least: int) -> tuple[Floats, Floats]:
     e = _turn(*_LEBEDEV[degree]) @ e
     upper = e[2] > 0.0
     return np.ascontiguousarray(e[:, upper].T), w[upper]
+
+
+def turns(dim: int, n: int, count: int) -> Floats:
+    """Return rotations (n, dim, dim) of which no few that follow each other are alike, in two or three dimensions.
+
+    Angles by the golden ratio within one of ``count`` equal parts of the circle; in 3D quaternions by three irrational
+    numbers (Shoemake; the sequence by the root of g^4 = g + 1).
+
+    >>> R = turns(3, 5, 26)
+    >>> bool(np.allclose(R @ R.transpose(0, 2, 1), np.eye(3)) and (np.linalg.det(R) > 0).all())
+    True
+    """
+    if dim == 2:
+        angle = (np.arange(n) * _GOLDEN) % 1.0 * (2.0 * pi / count)
+        c, s = np.cos(angle), np.sin(angle)
+        return np.moveaxis(np.array([[c, -s], [s, c]]), 2, 0)
+    u = (np.arange(1, n + 1)[:, None] / _ROOT ** np.arange(1, 4)) % 1.0
+    a, b = np.sqrt(1.0 - u[:, 0]), np.sqrt(u[:, 0])
+    x, y = a * np.sin(2.0 * pi * u[:, 1]), a * np.cos(2.0 * pi * u[:, 1])
+    z, w = b * np.sin(2.0 * pi * u[:, 2]), b * np.cos(2.0 * pi * u[:, 2])
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def largest_half_sphere() -> int:

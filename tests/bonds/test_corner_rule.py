@@ -9,6 +9,7 @@ from ligament import rectangle, torn
 import faults
 from bodies import body_on, box, grid, vector_basis
 from skfem_peridynamics import (
+    BallRule,
     BondBasis,
     CornerRule,
     Crack,
@@ -20,6 +21,7 @@ from skfem_peridynamics import (
     run,
     slit,
 )
+from skfem_peridynamics.bonds.quadrature import turns
 from skfem_peridynamics.model.discretisation import Discretisation
 from skfem_peridynamics.study.catalogue import law_of
 from skfem_peridynamics.study.manufactured import Manufactured
@@ -27,20 +29,21 @@ from skfem_peridynamics.study.measure import prepare
 
 
 def toughness(bonds, directions=24, levels=8):
-    """What cracks in some directions cut of the measures of bonds, over what a unit length of crack should.
+    """What cracks in some directions cut of the measures of bonds, over what a unit area of crack should.
 
     A bond counts at its middle, in a window away from the boundary; each direction is the mean over levels.
     """
-    points = bonds.mesh.p.T
+    points, dim = bonds.mesh.p.T - 0.5, bonds.dim
     x, y = points[bonds.ends[0]], points[bonds.ends[1]]
-    measure, length = bonds.measure(), 1.0 - 3.0 * bonds.horizon
+    measure, half = bonds.measure(), 0.5 - {2: 1.5, 3: 1.2}[dim] * bonds.horizon
+    turn = np.pi * (np.arange(directions) + 0.25) / directions
+    plane = np.moveaxis(np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]), 2, 0)
     out = []
-    for turn in np.pi * (np.arange(directions) + 0.25) / directions:
-        n, along = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
-        near, far = (x - 0.5) @ n, (y - 0.5) @ n
-        inside = np.abs(0.5 * (x + y - 1.0) @ along) < 0.5 * length
+    for n, *along in plane if dim == 2 else turns(3, directions, 1):
+        near, far, middle = x @ n, y @ n, 0.5 * (x + y)
+        inside = np.all([np.abs(middle @ a) < half for a in along], axis=0)
         cut = [measure[inside & ((near - c) * (far - c) < 0)].sum() for c in np.linspace(-0.06, 0.06, levels)]
-        out.append(np.mean(cut) / length)
+        out.append(np.mean(cut) / (2.0 * half) ** (dim - 1))
     return np.array(out) / Peridynamics(bonds, Linear(1.0)).crossing
 
 
@@ -53,6 +56,39 @@ def test_cracks_in_all_directions_cost_their_toughness(kind, per_horizon, most):
     found = toughness(bonds)
     print(f"{kind}, {per_horizon} per horizon: {found.min():.3f} to {found.max():.3f}")
     assert np.abs(found - 1.0).max() < most
+
+
+# measured 0.987 to 1.006 (random), 0.990 to 1.010 (structured), 0.58 and 0.59 of the bonds
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["structured", "random"])
+def test_cracks_in_space_cost_their_toughness(kind):
+    mesh = box(3, 16, kind)
+    bonds, pairs = (BondBasis(vector_basis(mesh), 0.25, rule=rule) for rule in (CornerRule(), PairRule()))
+    bonds = bonds.balanced()
+    assert isinstance(bonds.rule, CornerRule)
+    found = toughness(bonds, levels=6)
+    print(f"{kind}: {found.min():.3f} to {found.max():.3f}, {bonds.nbonds / pairs.nbonds:.2f} of the bonds")
+    assert np.abs(found - 1.0).max() < 0.02
+    assert bonds.nbonds < 0.62 * pairs.nbonds
+
+
+@pytest.mark.parametrize(("dim", "n", "eps", "most"), [(2, 32, 0.125, 6e-3), (3, 8, 0.4, 0.04)])
+@pytest.mark.parametrize("influence", ["constant", "conical"])
+def test_weights_hold_the_influence_function(dim, n, eps, most, influence):
+    """The energy of a smooth field is that of the ball rule, which has points where corner pairs have corners.
+
+    Measured: 0.09 and 0.4 % in 2D, 2.5 and 2.9 % in 3D; with J of the corners, too, weights fail to balance.
+    """
+    mesh = box(dim, n, "random")
+    u = np.stack([np.sin(2 * mesh.p[0]), *[0.5 * np.cos(3 * mesh.p[0] + mesh.p[1])] * (dim - 1)]).T.ravel()
+    rules = CornerRule(), BallRule(4, 26) if dim == 3 else BallRule(4, 16)
+    energies = []
+    for rule in rules:
+        bonds = BondBasis(vector_basis(mesh), eps, influence, rule).balanced()
+        assert type(bonds.rule) is type(rule)
+        energies.append(Peridynamics(bonds, Linear(1.0)).energy(u))
+    print(f"{dim}D {influence}: {energies[0] / energies[1] - 1:.1e}")
+    assert energies[0] == pytest.approx(energies[1], rel=most)
 
 
 def errors(kind, counts, rule, step):
@@ -107,11 +143,16 @@ def test_a_torn_ligament_costs_what_it_costs_with_balanced_pairs(kind):
 def test_counts_follow_the_mesh_and_the_estimate_is_right():
     for n, counts in ((32, (3, 5)), (64, (3, 5)), (128, (3, 13))):
         mesh = box(2, n)
-        assert CornerRule().fitted(mesh, 0.125) == CornerRule(*counts)
+        assert CornerRule().fitted(mesh, 0.125) == CornerRule(*counts, whole=0.0)
         if n < 100:
             made = BondBasis(vector_basis(mesh), 0.125, rule=CornerRule()).nbonds
             assert CornerRule().estimate(mesh, 0.125) == pytest.approx(made, rel=0.15)
     assert CornerRule(2, 5).name == "corner pairs 2 x 5"
+    mesh = box(3, 10)
+    assert CornerRule().fitted(mesh, 0.4) == CornerRule(1, 13, 0.5)
+    assert CornerRule().fitted(mesh, 0.6) == CornerRule(1, 25, 0.5)
+    made = BondBasis(vector_basis(mesh), 0.4, rule=CornerRule()).nbonds
+    assert CornerRule().estimate(mesh, 0.4) == pytest.approx(made, rel=0.15)
 
 
 def test_operators_are_those_of_a_list_of_vertex_pairs():
@@ -168,9 +209,9 @@ def test_where_it_does_not_do_all_pairs_take_its_place(caplog):
 
 
 def test_what_it_is_not_for():
-    with pytest.raises(ValueError, match="for bodies in 2D, and this is one in 3D"):
-        _ = BondBasis(vector_basis(box(3, 3)), 0.5, rule=CornerRule()).parts
-    with pytest.raises(ValueError, match="go with the constant influence function"):
-        _ = BondBasis(vector_basis(box(2, 6)), 0.5, "conical", rule=CornerRule()).parts
+    with pytest.raises(ValueError, match="for bodies in 2D and 3D, and this is one in 1D"):
+        _ = BondBasis(vector_basis(box(1, 9)), 0.5, rule=CornerRule()).parts
     with pytest.raises(ValueError, match="radial = 0 must be a whole number"):
         CornerRule(radial=0)
+    with pytest.raises(ValueError, match=r"whole = 1.0 must be a part of the horizon"):
+        CornerRule(whole=1.0)
