@@ -148,11 +148,11 @@ def test_counts_follow_the_mesh_and_the_estimate_is_right():
             made = BondBasis(vector_basis(mesh), 0.125, rule=CornerRule()).nbonds
             assert CornerRule().estimate(mesh, 0.125) == pytest.approx(made, rel=0.15)
     assert CornerRule(2, 5).name == "corner pairs 2 x 5"
-    mesh = box(3, 10)
-    assert CornerRule().fitted(mesh, 0.4) == CornerRule(1, 13, 0.5)
-    assert CornerRule().fitted(mesh, 0.6) == CornerRule(1, 25, 0.5)
-    made = BondBasis(vector_basis(mesh), 0.4, rule=CornerRule()).nbonds
-    assert CornerRule().estimate(mesh, 0.4) == pytest.approx(made, rel=0.15)
+    mesh = box(3, 14)
+    assert CornerRule().fitted(mesh, 4 / 14) == CornerRule(1, 13, 0.5)
+    assert CornerRule().fitted(mesh, 6 / 14) == CornerRule(1, 25, 0.5)
+    made = BondBasis(vector_basis(mesh), 4 / 14, rule=CornerRule()).nbonds
+    assert CornerRule().estimate(mesh, 4 / 14) == pytest.approx(made, rel=0.15)
 
 
 def test_operators_are_those_of_a_list_of_vertex_pairs():
