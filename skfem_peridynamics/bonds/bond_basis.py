@@ -94,9 +94,9 @@ class BondBasis(BondList):
         at every vertex. ``balance`` of the copy tells how it went, and names the vertices that could not be balanced.
         The step limit of a balanced body is another one: ask for it again.
 
-        Vertex pairs in two and three dimensions are balanced by a few iterations, for the price of some 50 forces in
-        2D and 140 to 260 in 3D (`docs/benchmarks/balancing.py`), which leaves about a hundredth of the largest moment
-        at four vertices per horizon. Other rules are fitted, for thousands of forces, and pass the patch test inside.
+        A few iterations do: of vertex pairs for the price of some 50 forces in 2D and 130 in 3D
+        (`docs/benchmarks/balancing.py`), which leaves about a hundredth of the largest moment at four vertices per
+        horizon; of balls a thousandth, for more forces.
 
         Corner pairs that cannot be balanced well enough give way to all vertex pairs, and the log says so.
 
@@ -106,8 +106,8 @@ class BondBasis(BondList):
         Parameters
         ----------
         exact : bool, optional
-            Go on until vertex pairs pass the patch test to round-off, too, deeper than the horizon: four times the
-            price, and no smaller errors.
+            Go on until the patch test passes to round-off, deeper than the horizon: four times the price, and no
+            smaller errors. In 1D it always does.
 
         Returns
         -------

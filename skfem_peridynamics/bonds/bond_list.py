@@ -25,8 +25,8 @@ from .samples import Samples
 class Balance:
     """Balanced weights and how they came out.
 
-    ``weights`` by part. ``unbalanced`` lists the vertices (mesh numbers) whose moments of order three are not met: of
-    vertex pairs to 5 % of the largest, of other rules to 1e-8 inside and 2 % near the boundary. ``residual`` and
+    ``weights`` by part. ``unbalanced`` lists the vertices (mesh numbers) whose moments of order three are not met to
+    5 % of the largest; of exact weights to 1e-8, inside. ``residual`` and
     ``residual_near`` are the largest there. ``smallest`` and ``rms``: ratio of new to old weights, its least (positive
     always) and its deviation from 1.
     """

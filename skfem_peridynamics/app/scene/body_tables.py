@@ -123,8 +123,8 @@ class InclusionTable:
 class BondsTable:
     """``[bonds]``: horizon, influence function, the paper's boundary function, and the rule of the double integral.
 
-    ``rule`` is ``"pairs"`` of vertices, ``"gauss_pairs"``, ``"ball"``, ``"corners"`` (2D, always balanced), or
-    ``"auto"``: chosen by measured tables for the mesh, and for ``tolerance`` where the body does not break.
+    ``rule`` is ``"pairs"`` of vertices, ``"gauss_pairs"``, ``"ball"``, ``"corners"`` (2D and 3D, always balanced),
+    or ``"auto"``: chosen by measured tables for the mesh, and for ``tolerance`` where the body does not break.
     ``partial_volume`` goes with pairs, ``radial`` and ``angular`` with balls and corners, ``outer``, ``order`` and
     ``symmetric`` with the ball. Weights that are ``balanced`` pass the patch test on any mesh, or nearly so.
     """
@@ -168,7 +168,7 @@ class BondsTable:
         if self.rule == "corners":
             return CornerRule(self.radial, self.angular)
         if self.rule == "auto":
-            raise ValueError("rule = 'auto' is chosen for a mesh; see app.auto.choose")
+            raise ValueError("rule = 'auto' is chosen for a mesh; see study.choose_rule")
         return PairRule(points="gauss" if self.rule == "gauss_pairs" else "vertices", **given)
 
 
