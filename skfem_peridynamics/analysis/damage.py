@@ -127,8 +127,14 @@ def census_and_damage(body: Peridynamics, u: Floats) -> tuple[Census, Damage]:
     >>> count.softened, hurt.intact.tolist()
     (1, [1.0, 1.0, 0.5, 0.5, 1.0])
     """
+    count, tally = census_and_tally(body, u)
+    return count, tally.damage()
+
+
+def census_and_tally(body: Peridynamics, u: Floats) -> tuple[Census, Tally]:
+    """Return the census, and of each vertex what :class:`Damage` is made of, from one pass over the strains."""
     rows = list(body.each_block(u, lambda block, T: (_count_bonds(block, T), _bonds_of_samples(block, T))))
-    return _census(body, (counted for counted, _ in rows), u), _damage(body, (sampled for _, sampled in rows))
+    return _census(body, (counted for counted, _ in rows), u), _tally(body, (sampled for _, sampled in rows))
 
 
 def _count_bonds(block: Block, T: Floats) -> tuple[float, Longs, float, float, float]:
@@ -221,7 +227,7 @@ def damage(body: Peridynamics, u: Floats) -> Damage:
     >>> d.softened, d.intact.tolist(), round(float(d.Z[2]), 6)          # Z = S sqrt(2 b r), S = 20, r = 1/4
     (1, [1.0, 1.0, 0.5, 0.5, 1.0], 14.142136)
     """
-    return _damage(body, body.each_block(u, _bonds_of_samples))
+    return _tally(body, body.each_block(u, _bonds_of_samples)).damage()
 
 
 def _bonds_of_samples(block: Block, T: Floats) -> tuple[slice, Floats, Floats, Floats, int]:
@@ -235,7 +241,21 @@ def _bonds_of_samples(block: Block, T: Floats) -> tuple[slice, Floats, Floats, F
     return block.window, largest, C.T @ live.astype(float), lost, int(soft.sum())
 
 
-def _damage(body: Peridynamics, sampled: Iterable[tuple[slice, Floats, Floats, Floats, int]]) -> Damage:
+@dataclass(frozen=True, eq=False)
+class Tally:
+    """Of each vertex the largest Z of its bonds, how many there are and how many are gone; softened ones in all."""
+
+    Z: Floats
+    every: Floats
+    gone: Floats
+    softened: int
+
+    def damage(self) -> Damage:
+        """Return what is left of the vertices."""
+        return Damage(self.Z, 1.0 - self.gone / np.maximum(self.every, np.finfo(float).tiny), self.softened)
+
+
+def _tally(body: Peridynamics, sampled: Iterable[tuple[slice, Floats, Floats, Floats, int]]) -> Tally:
     """Carry what the blocks say of their samples to the vertices."""
     samples = body.bonds.samples
     Z, every, gone = np.zeros(samples.nsamples), np.zeros(samples.nsamples), np.zeros(samples.nsamples)
@@ -247,11 +267,11 @@ def _damage(body: Peridynamics, sampled: Iterable[tuple[slice, Floats, Floats, F
         every[window] += count
         gone[window] += lost
         softened += number
-    intact = 1.0 - samples.spread(gone) / np.maximum(samples.spread(every), np.finfo(float).tiny)
+    every, gone = samples.spread(every), samples.spread(gone)
     if samples.at_vertices:
-        return Damage(samples.spread(Z), intact, softened)
+        return Tally(samples.spread(Z), every, gone, softened)
     # a vertex sees the largest Z of all samples that use it, not their mean
-    at_vertices = np.zeros(len(intact))
+    at_vertices = np.zeros(len(every))
     used = samples.values > _USED
     np.maximum.at(at_vertices, samples.vertices[used], np.broadcast_to(Z[:, None], used.shape)[used])
-    return Damage(at_vertices, intact, softened)
+    return Tally(at_vertices, every, gone, softened)

@@ -14,7 +14,7 @@ from ..model.breaking import Breaking
 from ..model.peridynamics import Peridynamics
 from .cfl import StepLimit
 from .constraints import Prescribed, check_fixed
-from .energy import inner, trapezoid
+from .energy import inner, total, trapezoid
 from .inputs import check_load, check_start, checked_load, initial_vector
 from .instability import Watch, watching
 from .mass_solver import MassSolver, mass_solver
@@ -171,8 +171,9 @@ class _Motion:
             self.v[prescribed.dofs] = prescribed.mean_velocity(0.0, self.dt)
         self._accelerate()
         kinetic = 0.5 * inner(self.v, self.mass.times(self.v))
-        self.initial = kinetic + (float(self.body.energy(self.u)) if hasattr(self.body, "energy") else 0.0)
-        self.ripple = 0.125 * self.dt**2 * inner(self.a, self.mass.times(self.a))
+        elastic = float(self.body.energy(self.u)) if hasattr(self.body, "energy") else 0.0
+        self.initial = total(self.body, kinetic + elastic)
+        self.ripple = total(self.body, 0.125 * self.dt**2 * inner(self.a, self.mass.times(self.a)))
         self.half = 0.5 * self.dt * self.a
 
     def resume(self, start: State) -> None:

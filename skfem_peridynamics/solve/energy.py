@@ -48,6 +48,12 @@ class Energies:
         return self.kinetic + self.elastic + self.dissipated - self.work - self.initial
 
 
+def total(body: object, part: float) -> float:
+    """Return a sum over the whole body: itself, but where each rank of a body over several has a ``part`` of it."""
+    over_ranks = getattr(body, "total", None)
+    return part if over_ranks is None else float(over_ranks(part))
+
+
 def trapezoid(before: Floats | None, after: Floats | None, du: Floats) -> float:
     """Return the work along du of a force that goes from ``before`` to ``after``; 0 where there is none.
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from .._types import Floats, Longs
-from .energy import Energies, inner
+from .energy import Energies, inner, total
 from .preconditioner import SolverMemory
 
 
@@ -86,7 +86,7 @@ class State:
     @property
     def kinetic(self) -> float:
         """``v.M v / 2``"""
-        return 0.5 * inner(self.v, self._mass.times(self.v))
+        return total(self._body, 0.5 * inner(self.v, self._mass.times(self.v)))
 
     @property
     def ripple(self) -> float:
@@ -94,12 +94,14 @@ class State:
 
         ``lag`` is ``gamma/2 - beta`` of Newmark's family, 1/4 for central difference. What is left never grows.
         """
-        return 0.5 * self.lag * self.dt**2 * inner(self.a, self._mass.times(self.a))
+        return total(self._body, 0.5 * self.lag * self.dt**2 * inner(self.a, self._mass.times(self.a)))
 
     @cached_property
     def energies(self) -> Energies:
         """Kinetic and elastic energy and external work, computed when first read."""
-        return Energies(self.kinetic, float(self._body.energy(self.u)), self.work, self.initial, self.dissipated)
+        elastic, work = float(self._body.energy(self.u)), total(self._body, self.work)
+        dissipated = total(self._body, self.dissipated)
+        return Energies(self.kinetic, total(self._body, elastic), work, self.initial, dissipated)
 
     def copy(self) -> State:
         """Return a state that later steps leave alone.

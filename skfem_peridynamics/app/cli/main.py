@@ -98,6 +98,7 @@ def make_parser() -> argparse.ArgumentParser:
     again.add_argument("--overwrite", "--restart", action="store_true", help="start over, whatever the folder holds")
     run.add_argument("--report", action="store_true", help="write report.html: pictures, figures, how to run it again")
     run.add_argument("--quiet", action="store_true", help="no progress, no table at the end")
+    run.add_argument("--mpi", action="store_true", help="over the processes that mpiexec has started")
 
     cfl = commands.add_parser("cfl", help="the stable time step of a scene or of a mesh file")
     cfl.add_argument("scene", type=Path, nargs="?")

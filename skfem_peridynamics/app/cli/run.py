@@ -7,24 +7,36 @@ import time
 from pathlib import Path
 from typing import Any
 
+from ..scene.reading import SceneError
 from ..scene.scene import Scene
 from .table import print_table
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a scene into a folder and print what came out; return the exit code."""
-    scene = Scene.read(arguments.scene)
     from ..run.progress import Line, Silent
-    from ..run.run import run as run_scene
 
-    progress = Silent() if arguments.quiet else Line()
-    begin = time.perf_counter()
-    if not arguments.quiet:
-        print(f"{scene.title}: setting up", flush=True)
-    resume = True if arguments.resume else False if arguments.overwrite else None
-    summary = run_scene(
-        scene, arguments.out, progress, with_estimate=arguments.estimate, resume=resume, with_report=arguments.report
-    )
+    progress, begin = Silent() if arguments.quiet else Line(), time.perf_counter()
+    options = {
+        "resume": True if arguments.resume else False if arguments.overwrite else None,
+        "with_report": arguments.report,
+    }
+    if arguments.mpi:
+        if arguments.estimate:
+            raise SceneError("--estimate does not go with --mpi yet: run the estimate by itself")
+        from ..ranks.run import first, run_over_ranks
+
+        speaks = first()
+        summary = run_over_ranks(arguments.scene, arguments.out, progress, **options)
+        if not speaks:
+            return 0
+    else:
+        from ..run.run import run as run_scene
+
+        scene = Scene.read(arguments.scene)
+        if not arguments.quiet:
+            print(f"{scene.title}: setting up", flush=True)
+        summary = run_scene(scene, arguments.out, progress, with_estimate=arguments.estimate, **options)
     if not arguments.quiet:
         seconds = summary["seconds"]
         parts = ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items())

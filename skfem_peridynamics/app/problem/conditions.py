@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sparse
 
-from ..._types import Basis, Csr, Floats, Load, Mesh
+from ..._types import Basis, Csr, Floats, Load, Longs, Mesh
 from ...geometry.simplices import describe_point, vertex_volumes
 from ...model.loads import facet_mass, layer_share
 from ...solve.constraints import FixedConflict, Prescribed, check_fixed
@@ -45,8 +46,13 @@ def _fixed(table: FixedTable, mesh: Mesh, path: str) -> Prescribed:
     dim = int(mesh.dim())
     if table.component != "all" and _AXES.index(table.component) >= dim:
         raise SceneError(f"{path}.component = {table.component!r}: the body has {dim} dimensions")
+    return motion_of(table, mesh, vertices(mesh, table, path), path)
+
+
+def motion_of(table: FixedTable, mesh: Mesh, chosen: Longs, path: str) -> Prescribed:
+    """Return the motion of a table for some vertices."""
+    dim = int(mesh.dim())
     axes = range(dim) if table.component == "all" else [_AXES.index(table.component)]
-    chosen = vertices(mesh, table, path)
     points, each = mesh.p[:, chosen], len(list(axes))
     dofs = (chosen[:, None] * dim + np.array(list(axes))).ravel()
     name = "displacement" if table.displacement is not None else "velocity"
@@ -56,40 +62,56 @@ def _fixed(table: FixedTable, mesh: Mesh, path: str) -> Prescribed:
     return Prescribed(dofs, **{name: _motion(formula, points, each)})
 
 
-def load(scene: Scene, basis: Basis) -> Load | None:
-    """Return the load vector as a function of time, or None where the scene has none."""
+@dataclass(frozen=True, eq=False)
+class LoadTerms:
+    """The load of a scene: a constant vector (N,), and tables of formulas of time with what spreads their values.
+
+    The matrices are (nvertices, vertices of the formulas).
+    """
+
+    constant: Floats
+    moving: list[tuple[int, Csr]]
+
+    def of(self, scene: Scene, p: Floats) -> Load:
+        """Return the load vector as a function of time; ``p`` (dim, n) are the places of the formulas."""
+        constant, moving = self.constant, [(spread, _vector(scene.load[k])) for k, spread in self.moving]
+        if not moving:
+            return lambda t: constant
+
+        def at(t: float) -> Floats:
+            total = constant.copy()
+            for spread, vector in moving:
+                total += (spread @ np.stack([f(p, t) for f in vector]).T).ravel()
+            return total
+
+        return at
+
+
+def _vector(table: LoadTable) -> tuple[Formula, ...]:
+    vector = table.body if table.body is not None else table.traction
+    assert vector is not None
+    return vector
+
+
+def load_terms(scene: Scene, basis: Basis) -> LoadTerms | None:
+    """Return what the load of a scene is made of, None where it has none."""
     mesh = basis.mesh
-    constant = np.zeros(basis.N)
-    moving: list[tuple[Csr, tuple[Formula, ...]]] = []
-    p = mesh.p
+    terms = LoadTerms(np.zeros(basis.N), [])
     mistakes = Mistakes()
     for k, table in enumerate(scene.load):
-        path = f"load[{k}]"
-        vector = table.body if table.body is not None else table.traction
-        assert vector is not None
+        path, vector = f"load[{k}]", _vector(table)
         name = f"{path}.{'body' if table.body is not None else 'traction'}"
         with mistakes.noted():
             _components(mesh, vector, name)
             with blame(name):
-                first = np.stack([f(p, 0.0) for f in vector])
+                first = np.stack([f(mesh.p, 0.0) for f in vector])
             spread = _spread(basis, table, path)
             if any(f.uses("t") for f in vector):
-                moving.append((spread, vector))
+                terms.moving.append((k, spread))
             else:
-                constant += (spread @ first.T).ravel()
+                terms.constant[:] += (spread @ first.T).ravel()
     mistakes.tell()
-    if not scene.load:
-        return None
-    if not moving:
-        return lambda t: constant
-
-    def at(t: float) -> Floats:
-        total = constant.copy()
-        for spread, vector in moving:
-            total += (spread @ np.stack([f(p, t) for f in vector]).T).ravel()
-        return total
-
-    return at
+    return terms if scene.load else None
 
 
 def _spread(basis: Basis, table: LoadTable, path: str) -> Csr:

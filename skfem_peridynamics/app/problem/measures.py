@@ -10,7 +10,7 @@ import numpy as np
 
 from ..._types import Floats
 from ...analysis.crack import CrackPath, crack_path
-from ...analysis.damage import Census, Intact
+from ...analysis.damage import Census
 from ...analysis.j_integral import j_integral
 from ...geometry.locate import locate
 from ...geometry.slit_tips import slit_directions
@@ -88,14 +88,10 @@ class CrackTrack:
             self._most = sizes = tuple(max(pair) for pair in zip(self._most, sizes, strict=True))
         return sizes
 
-    @cached_property
-    def intact(self) -> Intact:
-        return Intact(self.problem.body)
-
     def path(self, state: Moment, count: Census) -> CrackPath:
         """The crack at a state, followed once."""
         if self._last is None or self._last[0] != state.t:
-            intact = self.intact.after(count)
+            intact = self.problem.intact(count)
             self._last = state.t, crack_path(self.problem.mesh, intact, self.problem.scene.bonds.horizon)
         return self._last[1]
 

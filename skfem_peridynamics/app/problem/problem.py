@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..._types import Basis, Csr, Floats, Load, Longs, Mesh
+from ...analysis.damage import Census, Damage, Intact, census, census_and_damage
+from ...analysis.damage import damage as damage_of
 from ...bonds.ball_rule import BallRule
 from ...bonds.bond_basis import BondBasis
 from ...bonds.corner_rule import CornerRule
@@ -24,10 +26,12 @@ from ...model.breaking import Breaking
 from ...model.discretisation import Discretisation
 from ...model.mass import mass_matrix
 from ...model.peridynamics import Peridynamics
+from ...model.rigidity import check_rigid
 from ...model.space import numbering_basis, vector_basis
 from ...solve.cfl import SAFETY, StepLimit, stable_time_step
 from ...solve.constraints import Prescribed
 from ...solve.newton import Effort
+from ...solve.state import Equilibrium, State
 from ..scene.reading import SceneError, blame
 from ..scene.scene import Scene, Where
 from . import conditions
@@ -300,9 +304,33 @@ class Problem:
         return conditions.fixed(self.scene, self.basis)
 
     @cached_property
+    def load_terms(self) -> conditions.LoadTerms | None:
+        """What the load is made of, or None where the scene has none."""
+        return conditions.load_terms(self.scene, self.basis)
+
+    @cached_property
     def load(self) -> Load | None:
         """The load vector as a function of time, or None where the scene has none."""
-        return conditions.load(self.scene, self.basis)
+        return None if self.load_terms is None else self.load_terms.of(self.scene, self.mesh.p)
+
+    def check_rigid(self) -> None:
+        """Raise :class:`SceneError` where bonds leave a vertex or the whole body free to move."""
+        with blame("bonds"):
+            check_rigid(self.body_at_rest)
+
+    def look(self, state: State | Equilibrium, count: bool, damage: bool) -> tuple[Census | None, Damage | None]:
+        """Return the census and the damage at a state, those that are asked for, from one walk over the bonds."""
+        if count and damage:
+            return census_and_damage(self.body, state.u)
+        return census(self.body, state.u) if count else None, damage_of(self.body, state.u) if damage else None
+
+    def intact(self, count: Census) -> Floats:
+        """Return the fraction of each vertex's bonds that are left after a census."""
+        return self._intact.after(count)
+
+    @cached_property
+    def _intact(self) -> Intact:
+        return Intact(self.body)
 
     @cached_property
     def u0(self) -> Floats | None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..._clock import Clock
-from ...analysis.damage import Census, Damage, census, census_and_damage, damage
+from ...analysis.damage import Census, Damage
 from ...analysis.stress import strain, stress, voigt
 from ...solve.energy import Energies
 from ...solve.instability import Watch
@@ -135,11 +135,7 @@ class Record:
             self.save(state)
 
     def _write(self, state: State | Equilibrium, step: int | None, row: bool, frame: bool) -> None:
-        count = at_vertices = None
-        if row and frame:
-            count, at_vertices = census_and_damage(self.problem.body, state.u)  # one walk over the bonds for both
-        elif row:
-            count = census(self.problem.body, state.u)
+        count, at_vertices = self.problem.look(state, row, frame)
         if isinstance(state, State):
             self.watch.check(state, None if count is None else _energies(state, count))
         if count is not None and step is not None:
@@ -148,7 +144,7 @@ class Record:
                 entries += measure.read(state, count)
             self.history.add(*entries)
             self.progress.advance(step, entries[5], entries[9])
-        if frame:
+        if at_vertices is not None:
             self._frame(state, at_vertices)
 
     def _due(self, step: int) -> bool:
@@ -158,10 +154,9 @@ class Record:
         # however the clock jumps
         return self.every.seconds > 0.0 and abs(time.monotonic() - self.saved_at) >= self.every.seconds
 
-    def _frame(self, state: State | Equilibrium, at_vertices: Damage | None) -> None:
+    def _frame(self, state: State | Equilibrium, at_vertices: Damage) -> None:
         assert self.frames is not None
         body, asked = self.problem.body, self.problem.scene.output.fields
-        at_vertices = damage(body, state.u) if at_vertices is None else at_vertices
         fields = {"displacement": state.u} | ({"velocity": state.v} if isinstance(state, State) else {})
         fields |= {"intact": at_vertices.intact, "Z": at_vertices.Z}
         if "stress" in asked:

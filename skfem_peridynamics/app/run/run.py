@@ -11,9 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..._clock import Clock
-from ...analysis.damage import damage
 from ...model.breaking import Breaking
-from ...model.rigidity import check_rigid
 from ...solve.instability import UnstableRun, Watch
 from ...solve.newton import NotConverged
 from ..files import checkpoint
@@ -30,7 +28,7 @@ from ..report import figure
 from ..report.run_page import write_report
 from ..report.run_pictures import draw
 from ..scene.formula import FormulaError
-from ..scene.reading import Mistakes, SceneError, blame
+from ..scene.reading import Mistakes, SceneError
 from ..scene.scene import Scene
 from ..scene.shown import named
 from .logged import logged_warnings
@@ -52,6 +50,7 @@ def run(
     with_estimate: bool = False,
     resume: bool | None = None,
     with_report: bool = False,
+    problem: Problem | None = None,
 ) -> dict[str, Any]:
     """Run a scene, write its files into a folder and return the summary.
 
@@ -79,6 +78,8 @@ def run(
         True goes on with what is there, False starts over, whatever is there; by default what is worth keeping stays.
     with_report : bool, optional
         Write ``report.html`` from the files at the end, also where the run breaks down.
+    problem : Problem, optional
+        What the scene has been made into, where that has been done already.
 
     Returns
     -------
@@ -120,7 +121,11 @@ def run(
             stack.enter_context(hold(out))
         notes = stack.enter_context(logged_warnings())
         pictures = _with_pictures(scene, with_report)
-        clock, watch, problem = Clock("setup", "cfl", "steps", "output"), Watch(_CHECKED, None), Problem(scene)
+        clock, watch, problem = (
+            Clock("setup", "cfl", "steps", "output"),
+            Watch(_CHECKED, None),
+            problem or Problem(scene),
+        )
         with clock.phase("setup"):
             run_identity = identity(scene, problem.mesh)
         earlier = earlier_run(out, run_identity, resume) if existed else None
@@ -223,8 +228,7 @@ def _prepare(problem: Problem, earlier: Checkpoint | None, clock: Clock, watch: 
         mistakes.tell()
         measured = measures(problem)
         blocks = len(problem.body_at_rest.blocks)
-        with blame("bonds"):
-            check_rigid(problem.body_at_rest)
+        problem.check_rigid()
     with clock.phase("cfl"):
         if problem.explicit:
             _ = problem.limit
@@ -237,7 +241,7 @@ def _prepare(problem: Problem, earlier: Checkpoint | None, clock: Clock, watch: 
         except ValueError as error:
             raise SceneError(f"the checkpoint cannot be gone on with: {error}") from None
     with clock.phase("setup"):
-        stepped = states(problem, dt, start, watch)
+        stepped = problem.states(dt, start, watch) if hasattr(problem, "states") else states(problem, dt, start, watch)
     for remark in remarks(problem):
         _log.warning(remark)
     resumed = []
@@ -281,7 +285,9 @@ def _snapshot(record: Record) -> Snapshot | None:
     if state is None:
         return None
     u = state.u.reshape(-1, int(problem.mesh.dim()))
-    return Snapshot(problem.mesh, state.t, {"displacement": u, "intact": damage(problem.body, state.u).intact})
+    _, hurt = problem.look(state, False, True)
+    assert hurt is not None
+    return Snapshot(problem.mesh, state.t, {"displacement": u, "intact": hurt.intact})
 
 
 def _results(record: Record, summary: dict[str, Any], scene: dict[str, Any]) -> Results:

@@ -1,0 +1,1 @@
+"""Runs of scenes over several processes."""

@@ -1,0 +1,183 @@
+"""What all ranks of a run do together, when the first one says so."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..._types import Csr, Floats, Load, Longs
+from ...analysis.damage import Census, Damage
+from ...ranks.body import RankBody
+from ...ranks.distributed import distributed
+from ...ranks.limit import stable_time_step
+from ...solve.central_difference import central_difference
+from ...solve.cfl import StepLimit
+from ...solve.constraints import Prescribed
+from ...solve.instability import UnstableRun, Watch
+from ...solve.state import State
+from ..problem.conditions import LoadTerms, motion_of
+from ..problem.materials import make_material
+from ..problem.problem import Problem
+from ..scene.scene import Scene
+
+_CHECKED = 100  # steps between two checks of the energy balance
+
+
+@dataclass(eq=False)
+class Crew:
+    """A rank's part of a run. Every method is called by all ranks at once: by the first, which then gets what comes
+    out of it for the whole body, through :meth:`order`, and by the others in :meth:`follow`.
+    """
+
+    comm: Any
+    scene: Scene
+    body: RankBody
+    m: Floats
+    load: Load | None
+    fixed: list[Prescribed]
+    now: State | None = field(default=None, init=False)
+    failed: UnstableRun | None = field(default=None, init=False)
+    _known: StepLimit | None = field(default=None, init=False)
+    _steps: Iterator[State] = field(default_factory=lambda: iter(()), init=False)
+
+    @classmethod
+    def of(cls, comm: Any, scene: Scene, problem: Problem | None) -> Crew:
+        """Deal a problem, which the first rank has, out over all."""
+        lead = problem is not None
+        no_fail = None
+        if problem is not None and scene.no_fail:
+            regions = [problem.vertices(table, f"no_fail[{k}]") for k, table in enumerate(scene.no_fail)]
+            no_fail = np.unique(np.concatenate(regions))
+        body = distributed(
+            problem.mesh if problem is not None else None,
+            scene.bonds.horizon,
+            lambda mesh: make_material(scene, mesh),
+            influence=scene.bonds.influence,
+            rule=scene.bonds.make_rule(),
+            no_fail=no_fail,
+        )
+        share = body.share
+        m = body.scatter(problem.mass.diagonal() if problem is not None else None)
+        terms, sets = None, None
+        if problem is not None:
+            terms = problem.load_terms
+            sets = [np.unique(prescribed.dofs // body.dim) for prescribed in problem.fixed]
+        own = share.number[: share.own]
+        fixed = []
+        for k, chosen in enumerate(comm.bcast(sets, root=0)):
+            mine = np.flatnonzero(np.isin(own, chosen))
+            if len(mine):
+                fixed.append(motion_of(scene.fixed[k], share.mesh, mine, f"fixed[{k}]"))
+        load = _dealt_load(comm, scene, body, terms) if comm.bcast(lead and terms is not None) else None
+        return cls(comm, scene, body, m, load, fixed)
+
+    def order(self, name: str, *arguments: Any) -> Any:
+        """Have all ranks do something; return what came out, on the first."""
+        self.comm.bcast((name, arguments), root=0)
+        return getattr(self, name)(*arguments)
+
+    def follow(self) -> None:
+        """Do what the first rank says, until it says that it is over."""
+        name = ""
+        while name != "close":
+            name, arguments = self.comm.bcast(None, root=0)
+            getattr(self, name)(*arguments)
+
+    # ---- what can be ordered
+    def limit(self) -> StepLimit:
+        """The stable step."""
+        self._known = stable_time_step(self.body, self.m)
+        return self._known
+
+    def begin(self, dt: float, until: float, limit: StepLimit, has: tuple[bool, bool], start: bool) -> None:
+        """Make ready to step from the initial vectors, or from a state, that the first rank deals out."""
+        given = self._start if start else None
+        u, v = (self.body.scatter(self._given[k]) if has[k] else None for k in (0, 1))
+        state = None
+        if start:
+            numbers = self.comm.bcast(given)
+            mine = numbers if self.comm.rank == 0 else numbers | {"work": 0.0, "dissipated": 0.0}
+            a = self.body.scatter(self._given[2])
+            state = State(u=u, v=v, a=a, **mine)  # type: ignore[arg-type]
+            u = v = None
+        self._steps = central_difference(
+            self.body,
+            self.m,
+            u,
+            v,
+            dt=dt,
+            until=until,
+            load=self.load,
+            fixed=self.fixed,
+            limit=limit,
+            watch=Watch(_CHECKED, limit),
+            start=state,
+        )
+        if not start:
+            self.now = next(self._steps)
+
+    _start: dict[str, Any] | None = None  # on the first rank: numbers of the state to start from
+    _given: tuple[Floats | None, ...] = (None, None, None)  # and vectors u, v, a
+
+    def advance(self, count: int) -> bool:
+        """Make some steps; return whether the motion is sound."""
+        try:
+            for _ in range(count):
+                self.now = next(self._steps)
+        except UnstableRun as error:  # the balance is that of the whole body: all ranks see it at once
+            self.now, self.failed = error.state, error
+        return self.failed is None
+
+    def state(self) -> tuple[dict[str, Any], list[Floats | None]]:
+        """The numbers of the last state, whole, and its vectors."""
+        assert self.now is not None
+        now, add = self.now, self.body.total
+        numbers = {"t": now.t, "step": now.step, "dt": now.dt, "work": add(now.work), "initial": now.initial}
+        numbers |= {"initial_ripple": now.initial_ripple, "dissipated": add(now.dissipated)}
+        return numbers, [self.body.gather(x) for x in (now.u, now.v, now.a)]
+
+    def look(self) -> tuple[Census, Damage | None]:
+        """The census and the damage of the last state."""
+        assert self.now is not None
+        count, hurt = self.body.look(np.asarray(self.now.u))
+        Z, intact = self.body.gather(hurt.Z), self.body.gather(hurt.intact)
+        return count, None if Z is None or intact is None else Damage(Z, intact, hurt.softened)
+
+    def force(self) -> Floats | None:
+        """The forces of the last state."""
+        assert self.now is not None
+        return self.body.gather(self.body.force(np.asarray(self.now.u)))
+
+    def energy(self) -> float:
+        """The energy of the last state."""
+        assert self.now is not None
+        return self.body.total(self.body.energy(np.asarray(self.now.u)))
+
+    def bonds(self) -> list[int] | None:
+        """How many bonds each rank has."""
+        found: list[int] | None = self.comm.gather(self.body.nbonds, root=0)
+        return found
+
+    def close(self) -> None:
+        """It is over."""
+        self.body.close()
+
+
+def _dealt_load(comm: Any, scene: Scene, body: RankBody, terms: LoadTerms | None) -> Load:
+    """The load at a rank's own vertices, from that of the whole body, which the first rank has."""
+    share, dim = body.share, body.dim
+    constant = body.scatter(terms.constant if terms is not None else None)
+    moving: list[tuple[int, Csr]] = []
+    numbers: list[Longs] | None = comm.gather((share.number, share.own), root=0)
+    dealt = None
+    if terms is not None and numbers is not None:
+        dealt = [
+            [(k, spread[number[:own]][:, number]) for k, spread in terms.moving]
+            for number, own in numbers  # type: ignore[misc]
+        ]
+    moving = comm.scatter(dealt, root=0)
+    assert share.own * dim == len(constant)
+    return LoadTerms(constant, moving).of(scene, share.mesh.p)

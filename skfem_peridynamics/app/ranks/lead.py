@@ -1,0 +1,151 @@
+"""The first rank of a run: it holds the scene's whole mesh, says what is done, and writes the files as ever."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import SimpleNamespace
+from typing import Any
+
+from ..._types import Floats
+from ...analysis.damage import Census, Damage
+from ...solve.cfl import StepLimit
+from ...solve.instability import UnstableRun
+from ...solve.mass_solver import Lumped
+from ...solve.state import State
+from ..problem.problem import Problem
+from ..run.record import Marks
+from ..scene.reading import SceneError
+from ..scene.scene import Scene
+from .crew import Crew
+
+_SECONDS = 0.2  # of a block of steps after which the first rank looks up
+
+
+def refuse(scene: Scene) -> None:
+    """Raise :class:`SceneError` for what does not go over several processes yet."""
+    no = {
+        f"bonds.rule = {scene.bonds.rule!r}": scene.bonds.rule != "pairs",
+        "bonds.balanced = true": bool(scene.bonds.balanced),
+        f"bonds.boundary_function = {scene.bonds.boundary_function!r}": scene.bonds.boundary_function is not None,
+        f"time.scheme = {scene.time.scheme!r}": scene.time.scheme not in ("central_difference", "auto"),
+        'time.mass = "consistent"': scene.time.mass == "consistent",
+        "material.breaking": scene.material.breaking is not None,
+        'material.calibrate = "discrete"': scene.material.calibrate == "discrete",
+        "measure.j_integral": scene.measure.j_integral is not None,
+        "output.fields": bool(scene.output.fields),
+    }
+    found = [name for name, there in no.items() if there]
+    if found:
+        raise SceneError(f"{', '.join(found)}: does not go with --mpi yet; run it without")
+
+
+@dataclass(frozen=True, eq=False)
+class LeadingProblem(Problem):
+    """A problem whose bonds are those of all ranks."""
+
+    crew: Crew | None = None
+    _seen: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    @property
+    def _crew(self) -> Crew:
+        assert self.crew is not None
+        return self.crew
+
+    @cached_property
+    def bonds(self) -> Any:  # type: ignore[override]
+        """What a run asks of all bonds."""
+        counts = self._crew.order("bonds")
+        return SimpleNamespace(nbonds=sum(counts), balance=None, dim=int(self.mesh.dim()), mesh=self.mesh, ranks=counts)
+
+    @cached_property
+    def body_at_rest(self) -> Any:  # type: ignore[override]
+        """What a run asks of the whole body."""
+        return WholeBody(self._crew, self.bonds)
+
+    @cached_property
+    def body(self) -> Any:  # type: ignore[override]
+        """The same."""
+        return self.body_at_rest
+
+    @cached_property
+    def limit(self) -> StepLimit:
+        """The stable step of the body at rest."""
+        found: StepLimit = self.known_limit if self.known_limit is not None else self._crew.order("limit")
+        return found
+
+    def check_rigid(self) -> None:
+        """Bonds are looked at rank by rank: a vertex that nothing holds is refused by its rank."""
+
+    def look(self, state: Any, count: bool, damage: bool) -> tuple[Census | None, Damage | None]:
+        """Return the census and the damage at a state."""
+        if self._seen.get("t") != state.t:
+            self._seen["t"], self._seen["look"] = state.t, self._crew.order("look")
+        counted, hurt = self._seen["look"]
+        return counted if count else None, hurt if damage else None
+
+    def intact(self, count: Census) -> Floats:
+        """Return the fraction of each vertex's bonds that are left, at the state that was looked at last."""
+        found: Floats = self._seen["look"][1].intact
+        return found
+
+    def states(self, dt: float, start: State | None, watch: Any) -> Iterator[State]:
+        """Yield whole states at the ends of blocks of steps: where something is written, and some times a second."""
+        time_table, crew = self.scene.time, self._crew
+        steps, output = round(time_table.until / dt), self.scene.output
+        if start is not None:
+            numbers = {name: getattr(start, name) for name in State.NUMBERS if name != "lag"}
+            crew._start, crew._given = numbers, (start.u, start.v, start.a)
+        else:
+            crew._given = (self.u0, self.v0, None)
+        has = (True, True) if start is not None else (self.u0 is not None, self.v0 is not None)
+        crew.order("begin", dt, time_table.until, self.limit, has, start is not None)
+        step = 0 if start is None else start.step
+        if start is None:
+            yield self._whole()
+        marks = Marks(steps, output.frames), Marks(steps, max(2, output.history))
+        block = 1
+        while step < steps:
+            ahead = 1
+            while ahead < block and step + ahead < steps:
+                there = step + ahead
+                if any(there in mark for mark in marks) or (output.every.steps and there % output.every.steps == 0):
+                    break
+                ahead += 1
+            before = time.perf_counter()
+            sound = crew.order("advance", ahead)
+            spent = time.perf_counter() - before
+            step += ahead
+            block = max(1, min(4 * block, int(_SECONDS * ahead / max(spent, 1e-9))))
+            if not sound:
+                failed = crew.failed
+                assert failed is not None
+                raise UnstableRun(str(failed), self._whole(), failed.step)
+            yield self._whole()
+
+    def _whole(self) -> State:
+        """The last state, of the whole body."""
+        numbers, (u, v, a) = self._crew.order("state")
+        return State(u=u, v=v, a=a, _body=self.body, _mass=Lumped(self.mass.diagonal()), **numbers)
+
+
+class WholeBody:
+    """What a run asks of the body of all ranks, at the state that was made last."""
+
+    symmetric, dilatation = True, None
+
+    def __init__(self, crew: Crew, bonds: Any) -> None:
+        self._crew, self.bonds, one = crew, bonds, crew.body.any_piece
+        self.laws, self.moments, self.compiles, self.crossing = one.laws, one.moments, one.compiles, one.crossing
+        self.blocks = one.blocks
+
+    def force(self, u: Floats) -> Floats:
+        """Return the forces."""
+        found: Floats = self._crew.order("force")
+        return found
+
+    def energy(self, u: Floats) -> float:
+        """Return the energy."""
+        return float(self._crew.order("energy"))

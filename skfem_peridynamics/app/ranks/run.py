@@ -1,0 +1,87 @@
+"""Run a scene over the processes that ``mpiexec`` has started."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import sys
+import traceback
+from pathlib import Path
+from typing import Any
+
+from ...ranks.world import abort, world
+from ...solve.instability import UnstableRun
+from ..files.whole_files import OutputError
+from ..problem.cost import check_memory
+from ..problem.problem import Problem
+from ..run.progress import Progress
+from ..run.run import run
+from ..run.signals import Interrupted
+from ..scene.reading import SceneError
+from ..scene.scene import Scene
+from .crew import Crew
+from .lead import LeadingProblem, refuse
+
+
+def first() -> bool:
+    """Return whether this is the first rank, which speaks. Raises :class:`SceneError` where there is no MPI."""
+    try:
+        return bool(world().rank == 0)
+    except ValueError as error:
+        raise SceneError(str(error)) from None
+
+
+def run_over_ranks(path: Path, out: Path, progress: Progress | None = None, **options: Any) -> dict[str, Any]:
+    """Run a scene over all ranks into a folder; return the summary, on the first rank, and nothing on the others.
+
+    ``options`` are those of :func:`run`, but for the estimate. A rank that fails ends all of them.
+    """
+    comm = world()
+    if comm.rank:
+        return _follow(comm, path)
+    crew: Crew | None = None
+    try:
+        scene = Scene.read(path)
+        refuse(scene)
+        problem = Problem(scene)
+        if problem.dilated >= 0.0:
+            raise SceneError("material.poisson, other than that of bonds alone, does not go with --mpi yet")
+        for name in ("load", "fixed", "u0", "v0", "mass"):  # its mistakes are told before the others begin
+            getattr(problem, name)
+        try:
+            check_memory(problem.expected_bytes // comm.size)
+        except ValueError as error:
+            raise SceneError(str(error)) from None
+        comm.bcast(True, root=0)
+        crew = Crew.of(comm, scene, problem)
+        leading = LeadingProblem(scene, crew=crew)
+        leading.__dict__.update(problem.__dict__)  # what is made already
+        return run(scene, out, progress, problem=leading, **options)
+    except (SceneError, UnstableRun, OutputError, Interrupted):
+        if crew is None:
+            comm.bcast(False, root=0)
+        raise
+    except BaseException:
+        traceback.print_exc()
+        abort(1)
+        raise
+    finally:
+        if crew is not None:
+            crew.order("close")
+
+
+def _follow(comm: Any, path: Path) -> dict[str, Any]:
+    """Take part in a run that the first rank leads."""
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # the first one hears them, and says what follows
+        with contextlib.suppress(AttributeError, ValueError):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    try:
+        if comm.bcast(None, root=0):
+            Crew.of(comm, Scene.read(path), None).follow()
+    except SceneError as error:  # a formula that is no number at a place of this rank
+        print(f"skfem-peridynamics: {error}", file=sys.stderr)
+        abort(2)
+    except BaseException:
+        traceback.print_exc()
+        abort(1)
+    return {}

@@ -1,0 +1,109 @@
+"""Deal a body out over the ranks of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from .._types import Floats, Mesh
+from ..bonds.pair_rule import PairRule
+from ..geometry.neighbours import pairs_within
+from ..geometry.simplices import longest_edge, vertex_sizes
+from ..material.composite import Composite
+from ..material.influence import Influence
+from ..material.material import Material
+from ..material.potential import Potential
+from .body import RankBody
+from .share import deal, divided, shares
+from .world import world
+
+Made: TypeAlias = Material | Potential | Composite
+
+
+def distributed(
+    mesh: Mesh | None,
+    horizon: float,
+    material: Made | Callable[[Mesh], Made],
+    *,
+    influence: Influence | str = "constant",
+    rule: PairRule | None = None,
+    no_fail: npt.ArrayLike | None = None,
+    **options: Any,
+) -> RankBody:
+    """Return a body of vertex pairs, dealt out over all ranks that ``mpiexec`` has started.
+
+    Explicit steppers take it as they take any body; vectors are then a rank's own part. Only the first rank needs the
+    mesh and the no-fail vertices, and holds the whole of them.
+
+    Parameters
+    ----------
+    mesh : skfem.Mesh or None
+        Lines, triangles or tetrahedra on the first rank; None, or anything, on the others.
+    horizon : float
+        A length.
+    material : Material, Composite, Potential or callable
+        What the body is made of, the same on all ranks, or a function that makes it of the mesh of a rank.
+    influence : Influence or str, optional
+        The influence function.
+    rule : PairRule, optional
+        Vertex pairs; the only rule that can be dealt out yet.
+    no_fail : array_like of int, optional
+        Vertices all of whose bonds stay linear.
+    **options
+        ``threads``, ``matrix_memory`` and ``compiled`` of :class:`Peridynamics`.
+
+    Returns
+    -------
+    RankBody
+        The rank's part of it, with ``scatter`` and ``gather`` of vectors; ``close`` it at the end.
+
+    Raises
+    ------
+    ValueError
+        Where MPI and PETSc are not installed, and for another rule or a material that is not dealt out yet.
+
+    Examples
+    --------
+    A script for ``mpiexec -n 4 python script.py``, of a mesh that the first rank reads::
+
+        body = peri.distributed(mesh if world().rank == 0 else None, horizon=0.1, material=glass)
+        m = body.scatter(mass.diagonal() if body.share.rank == 0 else None)
+        for state in peri.central_difference(body, m, u0, v0, dt=dt, until=1e-3):
+            ...
+        u = body.gather(state.u)                                  # on the first rank, of the whole mesh
+    """
+    rule = PairRule() if rule is None else rule
+    if not (isinstance(rule, PairRule) and rule.points == "vertices"):
+        raise ValueError(f"rule = {rule.name}: only vertex pairs can be dealt out over processes yet")
+    comm = world()
+    mine = None
+    if comm.rank == 0:
+        assert mesh is not None
+        reach = horizon + float(vertex_sizes(mesh).max()) + float(longest_edge(mesh))
+        owner = divided(mesh.p, bonds_of_vertices(mesh, horizon), comm.size)
+        chosen = np.zeros(mesh.nvertices, dtype=bool)
+        if no_fail is not None:
+            chosen[np.asarray(no_fail)] = True
+        mine = [(share, np.flatnonzero(chosen[share.number])) for share in shares(mesh, owner, reach)]
+    share, local = deal(comm, mine)
+    made = material(share.mesh) if callable(material) and not isinstance(material, Potential) else material
+    if isinstance(made, Material | Composite):
+        for one in made.materials if isinstance(made, Composite) else (made,):
+            if one.calibrate == "discrete":
+                raise ValueError('calibrate = "discrete" cannot be measured over processes yet')
+    body = RankBody.of(comm, share, horizon, influence, rule, made, local if len(local) else None, **options)
+    if any(comm.allgather(any(piece.dilatation is not None for piece in (body.inside, body.across) if piece))):
+        raise ValueError("a Poisson ratio other than that of bonds alone does not go over processes yet")
+    return body
+
+
+def bonds_of_vertices(mesh: Mesh, horizon: float) -> Floats:
+    """Return about how many bonds each vertex has, (nvertices,): what a rank has to do is their sum."""
+    count = np.zeros(mesh.nvertices)
+    for i, j, _ in pairs_within(np.ascontiguousarray(mesh.p), horizon):
+        count += np.bincount(i, minlength=len(count))
+        count += np.bincount(j, minlength=len(count))
+    return count

@@ -1,0 +1,92 @@
+"""What a rank holds of a mesh: its own vertices, and all elements within reach of these."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .._types import Floats, Longs, Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class Share:
+    """A mesh of a rank's own vertices, first, and of ghosts, which others own; each in the order of the whole mesh.
+
+    ``number`` and ``owner`` (nvertices,): their numbers in the whole mesh and the ranks that own them. ``place`` are
+    numbers in the order of the ranks, as PETSc counts. ``nvertices`` are those of the whole.
+    """
+
+    mesh: Mesh
+    number: Longs
+    owner: Longs
+    place: Longs
+    own: int
+    rank: int
+    nvertices: int
+
+    def part(self, values: Floats) -> Floats:
+        """Return of values at the whole mesh, (nvertices,) or (nvertices, m), those of the rank's mesh."""
+        return np.ascontiguousarray(values[self.number])
+
+
+def divided(x: Floats, weight: Floats, parts: int) -> Longs:
+    """Return the part of each point (dim, n): halved along the longest axis so that weights are shared out.
+
+    PETSc's partitioners take no weights from Python, and parts of equal weight are what counts for bonds.
+
+    >>> divided(np.array([[0.0, 1.0, 2.0, 3.0]]), np.array([3.0, 1.0, 1.0, 1.0]), 2).tolist()
+    [0, 1, 1, 1]
+    """
+    out = np.zeros(x.shape[1], dtype=np.int64)
+
+    def cut(which: Longs, first: int, count: int) -> None:
+        if count == 1:
+            out[which] = first
+            return
+        left = count // 2
+        axis = int(np.ptp(x[:, which], axis=1).argmax())
+        order = which[np.argsort(x[axis, which], kind="stable")]
+        running = np.cumsum(weight[order])
+        edge = int(np.searchsorted(running, running[-1] * left / count * (1.0 + 1e-12), side="right"))
+        edge = min(max(edge, left), len(order) - (count - left))  # none goes without
+        cut(np.sort(order[:edge]), first, left)
+        cut(np.sort(order[edge:]), first + left, count - left)
+
+    cut(np.arange(x.shape[1]), 0, parts)
+    return out
+
+
+def shares(mesh: Mesh, owner: Longs, reach: float) -> list[Share]:
+    """Return the shares of all ranks: elements with a corner within ``reach`` of one of their own vertices."""
+    from scipy.spatial import cKDTree
+
+    ranks, out = int(owner.max()) + 1, []
+    place = np.empty(mesh.nvertices, dtype=np.int64)
+    place[np.argsort(owner, kind="stable")] = np.arange(mesh.nvertices)
+    for rank in range(ranks):
+        own = np.flatnonzero(owner == rank)
+        near = np.isfinite(cKDTree(mesh.p[:, own].T).query(mesh.p.T, distance_upper_bound=reach)[0])
+        near[own] = True
+        elements = np.flatnonzero(near[mesh.t].any(axis=0))
+        used = np.unique(mesh.t[:, elements])
+        number = np.concatenate([own, used[owner[used] != rank]])
+        local = np.full(mesh.nvertices, -1, dtype=np.int64)
+        local[number] = np.arange(len(number))
+        t = np.ascontiguousarray(local[mesh.t[:, elements]].astype(mesh.t.dtype))
+        part = type(mesh)(np.ascontiguousarray(mesh.p[:, number]), t)
+        names = mesh.subdomains or {}
+        if names:
+            there = np.full(mesh.nelements, -1, dtype=np.int64)
+            there[elements] = np.arange(len(elements))
+            tags = {name: there[which][there[which] >= 0] for name, which in names.items()}
+            part = part.with_subdomains(tags)
+        out.append(Share(part, number, owner[number], place[number], len(own), rank, int(mesh.nvertices)))
+    return out
+
+
+def deal(comm: Any, mine: list[Share] | None) -> Share:
+    """Send each rank its share, from the first."""
+    share: Share = comm.scatter(mine, root=0)
+    return share

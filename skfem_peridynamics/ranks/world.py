@@ -1,0 +1,51 @@
+"""The processes of a run: MPI first, then PETSc on it, and one that fails takes the others along."""
+
+from __future__ import annotations
+
+import os
+import sys
+from functools import cache
+from types import TracebackType
+from typing import Any
+
+_SIZES = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "MPI_LOCALNRANKS")  # what launchers tell their processes
+
+
+@cache
+def world() -> Any:
+    """Return the communicator of all processes, with PETSc started on it.
+
+    Raises ``ValueError`` where the extra ``mpi`` is not installed, and where the launcher is that of another MPI, whose
+    processes would each run the whole by themselves.
+    """
+    try:
+        import petsc4py
+        from mpi4py import MPI  # before PETSc, which starts MPI otherwise
+    except ImportError as error:
+        raise ValueError(
+            f"runs over several processes need mpi4py, petsc4py and slepc4py ({error}): pip install "
+            "'skfem-peridynamics[mpi]', with Python 3.12 or newer"
+        ) from None
+    petsc4py.init([sys.argv[0], "-no_signal_handler"])  # signals are the run's own
+    comm = MPI.COMM_WORLD
+    asked = [int(os.environ[name]) for name in _SIZES if os.environ.get(name, "").isdigit()]
+    if asked and comm.size < asked[0]:
+        raise ValueError(
+            f"mpiexec has started {asked[0]} processes, and MPI knows of {comm.size}: it belongs to another MPI; take "
+            f"the mpiexec beside {sys.executable}"
+        )
+    sys.excepthook = _abort
+    return comm
+
+
+def _abort(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    """Print an error that nobody has caught, and end all processes: the others would wait for this one for ever."""
+    sys.__excepthook__(kind, error, trace)
+    abort(1)
+
+
+def abort(code: int) -> None:
+    """End all processes."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    world().Abort(code)
