@@ -107,13 +107,18 @@ __all__ = [
     "traction",
 ]
 
-_APP = {"Frames": "files.frames", "Scene": "scene.scene", "run": "run.run"}
+_LATER = {
+    "Frames": "app.files.frames",
+    "Scene": "app.scene.scene",
+    "distributed": "ranks.distributed",
+    "run": "app.run.run",
+}
 
 
 def __getattr__(name: str) -> Any:
     """Load the runner only for those who use it: a script over plain arrays needs no files, formulas or pictures."""
-    if name in _APP:
+    if name in _LATER:
         from importlib import import_module
 
-        return getattr(import_module(f".app.{_APP[name]}", __name__), name)
+        return getattr(import_module(f".{_LATER[name]}", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -256,7 +256,7 @@ class CornerRule:
         # rules of s^d beyond what is whole, with J and, for rays that end before the horizon, without; s of it is in
         # the bond force
         nodes, W = radial_rule(lambda s: influence(s) * (s >= whole), dim, self.radial)
-        nodes_cut, W_cut = radial_rule(lambda s: 1.0 * (s >= whole), dim, self.radial)
+        nodes_cut, W_cut = radial_rule(lambda s: np.where(s >= whole, 1.0, 0.0), dim, self.radial)
         way = np.einsum("nij,kj->nki", turns(dim, n, len(e)), e).reshape(-1, dim)
         x, vertex = (
             np.repeat(samples.points, len(e), axis=0),

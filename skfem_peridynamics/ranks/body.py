@@ -56,7 +56,7 @@ class RankBody:
         for inside in (True, False):
             bonds = BondBasis(basis, horizon, influence, DealtPairs(rule, share, inside))
             pieces.append(Peridynamics(bonds, material, no_fail, **options) if bonds.parts else None)
-        return cls(comm, share, *pieces)
+        return cls(comm, share, pieces[0], pieces[1])
 
     # ---- what a stepper asks
     symmetric = True

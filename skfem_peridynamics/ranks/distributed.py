@@ -8,8 +8,9 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from .._types import Floats, Mesh
+from .._types import Floats, Longs, Mesh
 from ..bonds.pair_rule import PairRule
+from ..bonds.rule import Rule
 from ..geometry.neighbours import pairs_within
 from ..geometry.simplices import longest_edge, vertex_sizes
 from ..material.composite import Composite
@@ -17,7 +18,7 @@ from ..material.influence import Influence
 from ..material.material import Material
 from ..material.potential import Potential
 from .body import RankBody
-from .share import deal, divided, shares
+from .share import Share, divided, shares
 from .world import world
 
 Made: TypeAlias = Material | Potential | Composite
@@ -29,7 +30,7 @@ def distributed(
     material: Made | Callable[[Mesh], Made],
     *,
     influence: Influence | str = "constant",
-    rule: PairRule | None = None,
+    rule: Rule | None = None,
     no_fail: npt.ArrayLike | None = None,
     **options: Any,
 ) -> RankBody:
@@ -88,7 +89,9 @@ def distributed(
         if no_fail is not None:
             chosen[np.asarray(no_fail)] = True
         mine = [(share, np.flatnonzero(chosen[share.number])) for share in shares(mesh, owner, reach)]
-    share, local = deal(comm, mine)
+    share: Share
+    local: Longs
+    share, local = comm.scatter(mine, root=0)
     made = material(share.mesh) if callable(material) and not isinstance(material, Potential) else material
     if isinstance(made, Material | Composite):
         for one in made.materials if isinstance(made, Composite) else (made,):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -84,9 +83,3 @@ def shares(mesh: Mesh, owner: Longs, reach: float) -> list[Share]:
             part = part.with_subdomains(tags)
         out.append(Share(part, number, owner[number], place[number], len(own), rank, int(mesh.nvertices)))
     return out
-
-
-def deal(comm: Any, mine: list[Share] | None) -> Share:
-    """Send each rank its share, from the first."""
-    share: Share = comm.scatter(mine, root=0)
-    return share

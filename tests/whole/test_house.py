@@ -15,8 +15,8 @@ ROOT = Path(peri.__file__).parent
 # a room imports from rooms of a lower number; modules at the top serve all
 RANK = {
     "geometry": 0, "material": 0, "meshes": 1, "bonds": 1, "engine": 2, "model": 3, "solve": 4, "analysis": 4,
-    "study": 5, "stability": 5, "app.scene": 6, "app.problem": 7, "app.files": 7, "app.report": 8, "app.run": 9,
-    "app.cli": 10,
+    "study": 5, "stability": 5, "ranks": 5, "app.scene": 6, "app.problem": 7, "app.files": 7, "app.report": 8,
+    "app.run": 9, "app.ranks": 10, "app.cli": 11,
 }  # fmt: skip
 MOST_FILES = 20
 # the public names of version 0.1.0

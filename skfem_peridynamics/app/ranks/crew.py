@@ -174,10 +174,7 @@ def _dealt_load(comm: Any, scene: Scene, body: RankBody, terms: LoadTerms | None
     numbers: list[Longs] | None = comm.gather((share.number, share.own), root=0)
     dealt = None
     if terms is not None and numbers is not None:
-        dealt = [
-            [(k, spread[number[:own]][:, number]) for k, spread in terms.moving]
-            for number, own in numbers  # type: ignore[misc]
-        ]
+        dealt = [[(k, spread[number[:own]][:, number]) for k, spread in terms.moving] for number, own in numbers]
     moving = comm.scatter(dealt, root=0)
     assert share.own * dim == len(constant)
     return LoadTerms(constant, moving).of(scene, share.mesh.p)

@@ -55,18 +55,18 @@ class LeadingProblem(Problem):
         return self.crew
 
     @cached_property
-    def bonds(self) -> Any:  # type: ignore[override]
+    def bonds(self) -> Any:
         """What a run asks of all bonds."""
         counts = self._crew.order("bonds")
         return SimpleNamespace(nbonds=sum(counts), balance=None, dim=int(self.mesh.dim()), mesh=self.mesh, ranks=counts)
 
     @cached_property
-    def body_at_rest(self) -> Any:  # type: ignore[override]
+    def body_at_rest(self) -> Any:
         """What a run asks of the whole body."""
         return WholeBody(self._crew, self.bonds)
 
     @cached_property
-    def body(self) -> Any:  # type: ignore[override]
+    def body(self) -> Any:
         """The same."""
         return self.body_at_rest
 

@@ -1,0 +1,267 @@
+"""Bodies and runs over several processes beside the whole: needs MPI, PETSc and SLEPc, as the extra mpi brings them."""
+
+import csv
+import importlib.util
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skfem_peridynamics import Scene, run
+from skfem_peridynamics.app.ranks.lead import refuse
+from skfem_peridynamics.app.scene.reading import SceneError
+from skfem_peridynamics.geometry.boxes import unit_box
+from skfem_peridynamics.ranks.share import divided, shares
+
+HERE = Path(__file__).parent
+needs_mpi = pytest.mark.skipif(
+    not all(importlib.util.find_spec(name) for name in ("mpi4py", "petsc4py", "slepc4py")),
+    reason="needs mpi4py, petsc4py and slepc4py: the extra mpi, Python 3.12 or newer",
+)
+PLATE = """
+title = "plate"
+mesh = {box = [[0, 1], [0, 0.5]], divisions = [48, 24]}
+material = {young = 1.0, toughness = 2e-4, density = 1.0, plane = "stress"}
+bonds = {horizon = 0.085}
+crack = [{points = [[0, 0.25], [0.5, 0.25]]}]
+time = {until = 2.0}
+inclusion = [{where = "0.15 - sqrt((x - 0.8)**2 + (y - 0.1)**2)", young = 2.0}]
+no_fail = [{where = "0.1 - x"}]
+load = [
+  {traction = ["0", "0.02*min(t,1)"], on = "top", layer = 0.05},
+  {traction = ["1e-3*y", "-0.02*min(t,1)"], on = "bottom"},
+  {body = ["0", "1e-3"]},
+]
+fixed = [{on = "left", component = "x", displacement = "1e-3*sin(t)*y"}]
+probe = [{at = [0.7, 0.3]}]
+output = {frames = 3, history = 12, pictures = false, checkpoint_every = 10}
+"""
+
+# many steps, and tougher: where bonds soften round-off grows, in any two runs whose sums are not in the same order
+SLOW = PLATE.replace("until = 2.0", "until = 2.0, step = 1e-3").replace("toughness = 2e-4", "toughness = 2e-3")
+
+
+def mpiexec(n, *words, **options):
+    """The command that starts n processes of this Python."""
+    beside = Path(sys.executable).with_name("mpiexec")
+    return [str(beside) if beside.exists() else shutil.which("mpiexec"), "-n", str(n), sys.executable, *map(str, words)]
+
+
+def environment():
+    return os.environ | {"OMP_NUM_THREADS": "1"}
+
+
+def launch(n, *words, timeout=200):
+    return subprocess.run(
+        mpiexec(n, *words), capture_output=True, text=True, timeout=timeout, env=environment(), check=False
+    )
+
+
+def launch_run(n, folder, *words, text=PLATE):
+    scene = folder.parent / "scene.toml"
+    scene.write_text(text)
+    module = ("-P", "-m", "skfem_peridynamics")
+    return launch(n, *module, "run", scene, "--out", folder, "--mpi", "--quiet", *words)
+
+
+def history(folder):
+    with open(folder / "history.csv") as file:
+        return np.array([[float(x) for x in row] for row in list(csv.reader(file))[1:]])
+
+
+def off(a, b):
+    """The largest difference of two histories, over the largest number of its column, of the energy for the imbalance."""
+    scale = np.nanmax(np.abs(b), axis=0)
+    scale[7] = scale[5]
+    return float(np.nanmax(np.abs(a - b) / np.where(scale > 0, scale, 1)))
+
+
+# ---- without MPI
+def test_parts_have_equal_weights():
+    mesh = unit_box(2, 20, "graded")
+    weight = 1 + 3 * mesh.p[0]
+    for parts in (1, 2, 3, 7):
+        owner = divided(mesh.p, weight, parts)
+        sums = np.bincount(owner, weight, parts)
+        assert sums.max() < 1.05 * sums.mean()
+    assert len(np.unique(divided(np.arange(5.0)[None], np.array([9.0, 1, 1, 1, 1]), 5))) == 5
+
+
+def test_shares_hold_what_bonds_of_their_vertices_need():
+    """Every element within reach of an own vertex; own vertices first; each vertex owned once."""
+    mesh = unit_box(2, 12, "random").with_subdomains({"low": np.arange(40)})
+    owner = divided(mesh.p, np.ones(mesh.nvertices), 3)
+    found = shares(mesh, owner, 0.3)
+    assert sorted(np.concatenate([s.number[: s.own] for s in found]).tolist()) == list(range(mesh.nvertices))
+    for share in found:
+        assert (owner[share.number[: share.own]] == share.rank).all()
+        assert (owner[share.number[share.own :]] != share.rank).all()
+        assert np.array_equal(share.mesh.p, mesh.p[:, share.number])
+        near = np.linalg.norm(mesh.p[:, None, :] - mesh.p[:, share.number[: share.own], None], axis=0).min(axis=0) < 0.3
+        wanted = {tuple(sorted(t)) for t in mesh.t.T[near[mesh.t].any(axis=0)]}
+        there = [tuple(sorted(t)) for t in share.number[share.mesh.t].T]
+        assert set(there) == wanted
+        low = {tuple(sorted(t)) for t in mesh.t.T[:40]} & wanted
+        assert {there[k] for k in share.mesh.subdomains["low"]} == low
+    assert len({int(p) for s in found for p in s.place[: s.own]}) == mesh.nvertices
+
+
+REFUSED = {
+    "bonds.rule = 'ball'": ('horizon = 0.085, rule = "ball"', "horizon = 0.085"),
+    "bonds.balanced = true": ("horizon = 0.085, balanced = true", "horizon = 0.085"),
+    "time.scheme = 'newmark'": ('until = 2.0, scheme = "newmark", step = 0.1', "until = 2.0"),
+    "material.breaking": ("density = 1.0, breaking = 1.5", "density = 1.0"),
+    "output.fields": ('frames = 3, fields = ["stress"]', "frames = 3"),
+}
+
+
+@pytest.mark.parametrize("told", REFUSED)
+def test_what_does_not_go_yet_is_said(told):
+    new, old = REFUSED[told]
+    refuse(Scene.parse(PLATE))
+    with pytest.raises(SceneError, match=f"{told}: does not go with --mpi yet"):
+        refuse(Scene.parse(PLATE.replace(old, new, 1)))
+
+
+# ---- with it
+@needs_mpi
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_operators_are_those_of_the_whole(n):
+    """At a torn state of a plate with a slit and no-fail vertices; 36 steps; the step limit."""
+    ended = launch(n, HERE / "operators.py", HERE.parents[0] / "support")
+    assert ended.returncode == 0, ended.stderr[-2000:]
+    found = json.loads(ended.stdout.splitlines()[-1])
+    print(n, found)
+    for name in ("force", "stiffness", "Z", "elastic", "energy", "area"):
+        assert found[name] < 1e-14, name
+    assert found["softened"][0] == found["softened"][1] > 1000
+    assert found["intact"]
+    assert found["eigenvalue"] < 1e-12
+    assert max(found[name] for name in ("nodal", "row_sum", "closed")) < 1e-14
+    counts, whole = found["bonds"]
+    assert sum(counts) == whole
+    assert max(counts) < 1.05 * whole / n
+    assert found["moved"] < 1e-13
+    assert found["energies"][0] == pytest.approx(found["energies"][1], rel=1e-12)
+    assert found["steps"] == 36
+    if n == 1:
+        assert found["same_force"]
+        assert found["same_motion"]
+
+
+@pytest.fixture(scope="module")
+def serial(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("serial") / "out"
+    run(Scene.parse(PLATE), folder)
+    return folder
+
+
+@needs_mpi
+def test_runs_are_those_of_one_process(serial, tmp_path):
+    """All columns of the history, the frames but for round-off, and the same bits from as many ranks."""
+    for n in (1, 2, 3):
+        ended = launch_run(n, tmp_path / f"of{n}")
+        assert ended.returncode == 0, ended.stderr[-2000:]
+        rows = history(tmp_path / f"of{n}")
+        print(n, off(rows, history(serial)))
+        assert off(rows, history(serial)) < 1e-11
+        assert (rows[:, 8] == history(serial)[:, 8]).all()
+        summary = json.loads((tmp_path / f"of{n}" / "summary.json").read_text())
+        assert summary["status"] == "finished"
+        assert summary["softened_bonds"] > 100
+        assert len(list((tmp_path / f"of{n}").glob("frame_*.vtu"))) == 3
+    assert launch_run(3, tmp_path / "again").returncode == 0
+    for name in ("history.csv", "frame_0002.vtu"):
+        assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "of3" / name).read_bytes()
+
+
+@needs_mpi
+@pytest.mark.parametrize(("first", "then"), [(3, 1), (3, 2), (1, 3)])
+def test_runs_are_gone_on_with_by_other_numbers_of_ranks(first, then, serial, tmp_path):
+    """Stopped by SIGTERM at a checkpoint; the motion is that of a run that was not stopped."""
+    folder = tmp_path / "out"
+    slow = SLOW
+    (tmp_path / "scene.toml").write_text(slow)
+    words = ("-P", "-m", "skfem_peridynamics", "run", tmp_path / "scene.toml", "--out", folder, "--mpi", "--quiet")
+    with subprocess.Popen(mpiexec(first, *words), env=environment(), stderr=subprocess.DEVNULL) as process:
+        wait_for(folder / "checkpoint.bin", process)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=60) != 0
+    ended = launch_run(then, folder, "--resume", text=slow)
+    assert ended.returncode == 0, ended.stderr[-2000:]
+    run(Scene.parse(slow), tmp_path / "whole")
+    print(first, then, off(history(folder), history(tmp_path / "whole")))
+    assert off(history(folder), history(tmp_path / "whole")) < 1e-11
+    assert json.loads((folder / "summary.json").read_text())["resumed_at_steps"]
+
+
+def wait_for(path, process, seconds=60):
+    end = time.monotonic() + seconds
+    while not path.exists():
+        if process.poll() is not None or time.monotonic() > end:
+            process.kill()
+            raise AssertionError(f"{path.name} did not come")
+        time.sleep(0.02)
+
+
+def ranks_of(process):
+    """The processes of Python that mpiexec has started."""
+    import contextlib
+
+    out = []
+    for entry in Path("/proc").iterdir():
+        with contextlib.suppress(OSError, ValueError):
+            words = (entry / "cmdline").read_bytes().split(b"\0")
+            ours = b"skfem_peridynamics" in words and str(process_folder(process)).encode() in words
+            if ours and b"mpiexec" not in words[0] and b"hydra" not in words[0]:
+                out.append(int(entry.name))
+    return sorted(out)
+
+
+def process_folder(process):
+    return process.args[process.args.index("--out") + 1]
+
+
+@needs_mpi
+@pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="finds ranks by /proc")
+def test_a_rank_that_is_killed_ends_the_run_and_nothing_is_lost(serial, tmp_path):
+    slow = SLOW
+    for attempt in range(3):
+        folder = tmp_path / f"out{attempt}"
+        (tmp_path / "scene.toml").write_text(slow)
+        words = ("-P", "-m", "skfem_peridynamics", "run", tmp_path / "scene.toml", "--out", folder, "--mpi", "--quiet")
+        with subprocess.Popen(mpiexec(2, *words), env=environment(), stderr=subprocess.DEVNULL) as process:
+            wait_for(folder / "checkpoint.bin", process)
+            time.sleep(0.1 * attempt)
+            ranks = ranks_of(process)
+            assert len(ranks) >= 2
+            os.kill(ranks[attempt % 2], signal.SIGKILL)
+            before = time.monotonic()
+            assert process.wait(timeout=10) != 0
+        print(f"ended within {time.monotonic() - before:.1f} s")
+    ended = launch_run(2, folder, "--resume", text=slow)
+    assert ended.returncode == 0, ended.stderr[-2000:]
+    assert json.loads((folder / "summary.json").read_text())["status"] == "finished"
+    run(Scene.parse(slow), tmp_path / "whole")
+    assert off(history(folder), history(tmp_path / "whole")) < 1e-11
+
+
+@needs_mpi
+def test_mistakes_end_all_ranks(tmp_path):
+    """A key that is none; a formula that is no number at a place of the last rank alone, at a later time."""
+    ended = launch_run(3, tmp_path / "a", text=PLATE.replace("horizon", "horizn"))
+    assert ended.returncode == 2
+    assert ended.stderr.count("horizn") == 1
+    late = PLATE.replace('["0", "1e-3"]', '["0", "1e-3*sqrt(1.5 - t - 0.6*x)"]')
+    begin = time.monotonic()
+    ended = launch_run(3, tmp_path / "b", text=late)
+    assert ended.returncode != 0
+    assert time.monotonic() - begin < 60
+    assert "sqrt" in ended.stderr
