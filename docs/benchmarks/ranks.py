@@ -1,6 +1,6 @@
 """A body over one and two processes: seconds of a force, in turn, and memory a rank.
 
-python docs/benchmarks/ranks.py [--divisions 300] [--turns 7]        with the extra mpi, on a machine that has nothing else to do
+python docs/benchmarks/ranks.py [--divisions 300] [--turns 7]      with the extra mpi, on an idle machine
 
 Strong: the same plate; weak: twice the plate over twice the processes. Each process has one thread. What is printed is
 the median of the ratios of neighbours in time; memory is that of mesh, bonds and vectors, above what libraries take.

@@ -77,7 +77,7 @@ def history(folder):
 
 
 def off(a, b):
-    """The largest difference of two histories, over the largest number of its column, of the energy for the imbalance."""
+    """The largest difference of two histories, over the largest of its column; of the imbalance, of the energy."""
     scale = np.nanmax(np.abs(b), axis=0)
     scale[7] = scale[5]
     return float(np.nanmax(np.abs(a - b) / np.where(scale > 0, scale, 1)))
