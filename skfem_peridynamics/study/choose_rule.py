@@ -1,58 +1,34 @@
-"""Choose the rule of a scene by measured tables of error against seconds (docs/evidence/error_against_run_time.md)."""
+"""Choose the rule of a scene by its mesh, as the tables of error against seconds advise.
+
+docs/evidence/error_against_run_time.md says how often that is within 1.5 of the best.
+"""
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
-from importlib.resources import files
 
 import numpy as np
 
 from .._types import Mesh
 from ..bonds.ball_rule import BallRule
+from ..bonds.corner_rule import CornerRule
 from ..bonds.pair_rule import PairRule
 from ..geometry.simplices import vertex_volumes
-from ..material.influence import Influence
 from ..model.discretisation import CLASSICAL, Discretisation
-from ..solve.cfl import exact_eigenvalue_bound
 
 BALANCED_PAIRS = Discretisation(PairRule(), balanced=True)
-CANDIDATES: dict[int, tuple[Discretisation, ...]] = {
-    1: (
-        CLASSICAL,
-        BALANCED_PAIRS,
-        Discretisation(PairRule(points="gauss")),
-        Discretisation(BallRule(3, 1), balanced=True),
-    ),
+# by dimension: up to so many vertices per horizon, this
+CHOICES: dict[int, tuple[tuple[float, Discretisation], ...]] = {
+    1: ((12.0, Discretisation(PairRule(points="gauss"))), (np.inf, CLASSICAL)),
     2: (
-        CLASSICAL,
-        BALANCED_PAIRS,
-        Discretisation(PairRule(points="gauss")),
-        Discretisation(BallRule(3, 8)),
-        Discretisation(BallRule(3, 8), balanced=True),
-        Discretisation(BallRule(4, 12), balanced=True),
-        Discretisation(BallRule(5, 16), balanced=True),
+        (3.5, Discretisation(BallRule(3, 8))),
+        (12.0, BALANCED_PAIRS),
+        (np.inf, Discretisation(CornerRule(), balanced=True)),
     ),
-    3: (CLASSICAL, BALANCED_PAIRS, Discretisation(BallRule(2, 13)), Discretisation(BallRule(2, 13), balanced=True)),
+    3: ((3.5, Discretisation(BallRule(2, 13), balanced=True)), (np.inf, BALANCED_PAIRS)),
 }
-DEFAULT_TOLERANCE = 1e-2
 _IRREGULAR = 0.05  # relative spread of the volumes of inner vertices; 0 on a lattice, 0.2 on a random mesh
 _ENOUGH = 2.75  # vertices per horizon from which weights can be balanced on any mesh (docs/evidence/verification.md)
-
-
-@dataclass(frozen=True)
-class Measured:
-    """One line of the table: a scheme at some number of vertices per horizon, and what it missed and cost there."""
-
-    dim: int
-    mesh: str
-    scheme: str
-    per_horizon: float
-    error: float
-    setup: float  # seconds a vertex
-    step: float  # seconds a vertex and step
 
 
 @dataclass(frozen=True)
@@ -61,23 +37,6 @@ class Choice:
 
     scheme: Discretisation
     why: str
-    predicted: float | None = None
-
-
-@cache
-def table() -> tuple[Measured, ...]:
-    """Return the measured table that comes with the package (docs/benchmarks/make_measured.py makes it)."""
-    text = files("skfem_peridynamics.study").joinpath("measured.csv").read_text()
-    lines = csv.DictReader(text.splitlines())
-    return tuple(
-        Measured(
-            int(x["dim"]),
-            x["mesh"],
-            x["scheme"],
-            *(float(x[name]) for name in ("per_horizon", "error", "setup", "step")),
-        )
-        for x in lines
-    )
 
 
 def per_horizon(mesh: Mesh, horizon: float) -> float:
@@ -111,72 +70,22 @@ def _inner_volumes(mesh: Mesh) -> np.ndarray[tuple[int, ...], np.dtype[np.float6
     return volumes[inner] if inner.any() else volumes
 
 
-def choose(
-    mesh: Mesh,
-    horizon: float,
-    *,
-    fracturing: bool,
-    tolerance: float | None,
-    steps: float,
-    measured: Sequence[Measured] | None = None,
-) -> Choice:
-    """Return the scheme for a mesh: the cheapest that meets the tolerance, for a body that does not break.
+def choose(mesh: Mesh, horizon: float, *, fracturing: bool) -> Choice:
+    """Return the scheme for a mesh.
 
-    Where bonds may break and no ``tolerance`` is asked for, vertex pairs: they alone cost G_c. Errors and seconds are
-    read from the table of this dimension and kind of mesh at the number of vertices per horizon, log-log between its
-    lines; a motion as smooth as that of the studies is assumed. ``steps`` is about how many the run will take.
+    Where bonds may break: vertex pairs, which alone cost G_c, balanced on irregular meshes. Otherwise by how many
+    vertices a horizon spans: where there are few of them Gauss points read the field, where there are many the
+    cheapest pairs are as good.
+
+    >>> import skfem
+    >>> axis = np.linspace(0, 1, 17)
+    >>> choose(skfem.MeshTri.init_tensor(axis, axis), 0.25, fracturing=False).scheme.name
+    'vertex pairs, partial volume, balanced; lumped mass'
     """
     m, irregular, dim = per_horizon(mesh, horizon), is_irregular(mesh), int(mesh.dim())
-    kind = "an irregular" if irregular else "a regular"
-    if fracturing and tolerance is None:
+    if fracturing:
         scheme = BALANCED_PAIRS if irregular and m >= _ENOUGH else CLASSICAL
+        kind = "an irregular" if irregular else "a regular"
         return Choice(scheme, f"{scheme.name}: bonds may break, and of all rules vertex pairs cost G_c, on {kind} mesh")
-    wanted = DEFAULT_TOLERANCE if tolerance is None else tolerance
-    lines = [x for x in measured or table() if x.dim == dim and (x.mesh != "regular") == irregular]
-    predicted: list[tuple[float, float, Discretisation]] = []
-    for scheme in CANDIDATES[dim]:
-        measurements = sorted((x for x in lines if x.scheme == scheme.name), key=lambda x: x.per_horizon)
-        if not measurements or (scheme.balanced and m < 0.9 * measurements[0].per_horizon):
-            continue
-        error, setup, step = (_at(measurements, name, m) for name in ("error", "setup", "step"))
-        predicted.append((error, setup + steps * step, scheme))
-    if not predicted:
-        return Choice(CLASSICAL, f"{CLASSICAL.name}: nothing is measured in {dim}D on {kind} mesh")
-    good = [x for x in predicted if x[0] <= wanted]
-    at = f"{m:.3g} vertices per horizon, {kind} mesh, about {steps:.3g} steps"
-    if good:
-        error, _, scheme = min(good, key=lambda x: x[1])
-        return Choice(scheme, f"{scheme.name}: the cheapest that is to meet {wanted:g} ({error:.1e}) at {at}", error)
-    error, _, scheme = min(predicted, key=lambda x: x[0])
-    return Choice(scheme, f"{scheme.name}: none is to meet {wanted:g} at {at}; this comes closest ({error:.1e})", error)
-
-
-def expected_steps(
-    until: float, slope: float, density: float, dim: int, horizon: float, influence: Influence, part: float
-) -> float:
-    """Return about how many steps of ``part`` of the stable limit a run takes, before there are bonds.
-
-    The limit is that of the exact integrals; in 1D, where they have none, half the time that a wave takes across the
-    horizon is about it.
-
-    >>> from skfem_peridynamics import constant
-    >>> round(expected_steps(until=1.0, slope=1.0, density=1.0, dim=1, horizon=0.1, influence=constant, part=1.0), 6)
-    28.284271
-    """
-    mean = influence.mean_inverse_power(1.0, dim)
-    lam = exact_eigenvalue_bound(slope, mean if np.isfinite(mean) else 4.0, density, dim, horizon)
-    return float(until / (part * 2.0 / np.sqrt(lam)))
-
-
-def _at(lines: Sequence[Measured], name: str, m: float) -> float:
-    """Read the table at m, log-log; beyond its ends with the slope of the last two lines. Repeated m are averaged."""
-    x = np.array([line.per_horizon for line in lines])
-    y = np.log([getattr(line, name) for line in lines])
-    knots = np.unique(x)
-    values = np.array([y[x == knot].mean() for knot in knots])
-    if len(knots) == 1:
-        return float(np.exp(values[0]))
-    at, logs = np.log(m), np.log(knots)
-    k = int(np.clip(np.searchsorted(logs, at) - 1, 0, len(logs) - 2))
-    slope = (values[k + 1] - values[k]) / (logs[k + 1] - logs[k])
-    return float(np.exp(values[k] + slope * (at - logs[k])))
+    scheme = next(scheme for most, scheme in CHOICES[dim] if m < most)
+    return Choice(scheme, f"{scheme.name}: bonds do not break, and the horizon spans {m:.3g} vertices in {dim}D")

@@ -119,23 +119,10 @@ class Problem:
     @cached_property
     def choice(self) -> Choice:
         """What ``rule = "auto"`` chooses on the mesh before refinement, and why; said in the log."""
-        from ...study.choose_rule import choose, expected_steps
+        from ...study.choose_rule import choose
 
-        scene, mesh = self.scene, self._unrefined
-        time, horizon, influence, dim = scene.time, scene.bonds.horizon, self.influence, int(mesh.dim())
-        if time.step:
-            steps = time.until / time.step
-        else:
-            steps = expected_steps(
-                time.until, self.largest_slope, self.smallest_density, dim, horizon, influence, time.part
-            )
-        chosen = choose(
-            mesh,
-            horizon,
-            fracturing=any(material.potential != "linear" for material in self.materials),
-            tolerance=scene.bonds.tolerance,
-            steps=steps,
-        )
+        breakable = any(material.potential != "linear" for material in self.materials)
+        chosen = choose(self._unrefined, self.scene.bonds.horizon, fracturing=breakable)
         _log.warning('bonds.rule = "auto" takes %s', chosen.why)
         return chosen
 

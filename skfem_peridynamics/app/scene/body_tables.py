@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from ...bonds.ball_rule import BallRule
 from ...bonds.corner_rule import CornerRule
@@ -124,7 +125,7 @@ class BondsTable:
     """``[bonds]``: horizon, influence function, the paper's boundary function, and the rule of the double integral.
 
     ``rule`` is ``"pairs"`` of vertices, ``"gauss_pairs"``, ``"ball"``, ``"corners"`` (2D and 3D, always balanced),
-    or ``"auto"``: chosen by measured tables for the mesh, and for ``tolerance`` where the body does not break.
+    or ``"auto"``: chosen by the mesh, and by whether the body may break.
     ``partial_volume`` goes with pairs, ``radial`` and ``angular`` with balls and corners, ``outer``, ``order`` and
     ``symmetric`` with the ball. Weights that are ``balanced`` pass the patch test on any mesh, or nearly so.
     """
@@ -140,7 +141,10 @@ class BondsTable:
     symmetric: bool | None = key(flag, None)
     order: int | None = key(count, None)
     balanced: bool | None = key(flag, None)
-    tolerance: float | None = key(positive, None)
+
+    refused: ClassVar[Mapping[str, str]] = {
+        "tolerance": 'rule = "auto" goes by the mesh; run --estimate tells the error, and a finer mesh makes it smaller'
+    }
 
     def __post_init__(self) -> None:
         ball = ("radial", "angular", "outer", "symmetric", "order")
@@ -151,8 +155,6 @@ class BondsTable:
                 raise ValueError("balanced = false does not go with rule = 'corners': unbalanced they are no good")
         if self.rule == "auto":
             theirs = ("partial_volume", *ball, "balanced")
-        elif self.tolerance is not None:
-            raise ValueError(f"tolerance = {self.tolerance:g} goes with rule = 'auto'")
         for name in theirs:
             if getattr(self, name) is not None:
                 raise ValueError(f"{name} = {getattr(self, name)!r} does not go with rule = {self.rule!r}")
