@@ -21,11 +21,11 @@ BALANCED_PAIRS = Discretisation(PairRule(), balanced=True)
 CHOICES: dict[int, tuple[tuple[float, Discretisation], ...]] = {
     1: ((12.0, Discretisation(PairRule(points="gauss"))), (np.inf, CLASSICAL)),
     2: (
-        (3.5, Discretisation(BallRule(3, 8))),
+        (3.5, Discretisation(CornerRule(), balanced=True)),
         (12.0, BALANCED_PAIRS),
         (np.inf, Discretisation(CornerRule(), balanced=True)),
     ),
-    3: ((3.5, Discretisation(BallRule(2, 13), balanced=True)), (np.inf, BALANCED_PAIRS)),
+    3: ((4.5, Discretisation(BallRule(3, 25))), (np.inf, BALANCED_PAIRS)),
 }
 _IRREGULAR = 0.05  # relative spread of the volumes of inner vertices; 0 on a lattice, 0.2 on a random mesh
 _ENOUGH = 2.75  # vertices per horizon from which weights can be balanced on any mesh (docs/evidence/verification.md)
@@ -73,9 +73,9 @@ def _inner_volumes(mesh: Mesh) -> np.ndarray[tuple[int, ...], np.dtype[np.float6
 def choose(mesh: Mesh, horizon: float, *, fracturing: bool) -> Choice:
     """Return the scheme for a mesh.
 
-    Where bonds may break: vertex pairs, which alone cost G_c, balanced on irregular meshes. Otherwise by how many
-    vertices a horizon spans: where there are few of them Gauss points read the field, where there are many the
-    cheapest pairs are as good.
+    Where bonds may break: vertex pairs, which cost G_c, balanced on irregular meshes. Otherwise by how many vertices a
+    horizon spans: in 1D Gauss pairs below twelve and vertex pairs above; in 2D balanced vertex pairs, and corner pairs
+    where they are few (below 3.5) or many (from twelve on); in 3D balls of 3 x 25 below 4.5 and balanced pairs above.
 
     >>> import skfem
     >>> axis = np.linspace(0, 1, 17)

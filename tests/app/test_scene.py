@@ -297,7 +297,7 @@ def test_our_own_fault_is_exit_1(tmp_path, capsys, monkeypatch):
     def broken(*args):
         raise ZeroDivisionError("oops")
 
-    monkeypatch.setattr("skfem_peridynamics.app.run.record.census", broken)
+    monkeypatch.setattr("skfem_peridynamics.app.problem.problem.census", broken)
     (tmp_path / "scene.toml").write_text(GOOD)
     assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == 1
     assert "a fault of the program, please report it: ZeroDivisionError: oops" in capsys.readouterr().err

@@ -60,9 +60,9 @@ def test_others_go_by_how_many_vertices_a_horizon_spans(dim):
 def test_a_scene_says_what_was_chosen(caplog):
     with caplog.at_level(logging.WARNING):
         problem = Problem(scene(horizon=0.18))
-        assert problem.rule.name.startswith("ball")
-        assert problem.mass_kind == "consistent"
-    assert 'bonds.rule = "auto" takes ball' in caplog.text
+        assert problem.rule.name.startswith("corner pairs")
+        assert problem.mass_kind == "lumped"
+    assert 'bonds.rule = "auto" takes corner pairs' in caplog.text
     assert "the horizon spans 2.88 vertices in 2D" in caplog.text
     assert Problem(scene()).discretisation == BALANCED_PAIRS
     assert Problem(scene(law="toughness = 1.0")).discretisation == CLASSICAL
@@ -134,4 +134,4 @@ def test_choices_are_mostly_near_the_best():
     print(f"waves in 2D {counts[True]}, graded meshes and waves in 1D {counts[False]}")
     assert counts[True][0] >= 24
     assert counts[True][1] == 36
-    assert counts[False][0] >= 0.75 * counts[False][1]
+    assert counts[False][0] >= 0.8 * counts[False][1]
