@@ -19,7 +19,7 @@ from ..material.material import Material
 from ..material.potential import Potential
 from .body import RankBody
 from .share import Share, divided, shares
-from .world import world
+from .world import threads_of_a_rank, world
 
 Made: TypeAlias = Material | Potential | Composite
 
@@ -54,7 +54,8 @@ def distributed(
     no_fail : array_like of int, optional
         Vertices all of whose bonds stay linear.
     **options
-        ``threads``, ``matrix_memory`` and ``compiled`` of :class:`Peridynamics`.
+        ``threads`` (a rank's part of the cores that the ranks of its machine may use), ``matrix_memory`` and
+        ``compiled`` of :class:`Peridynamics`.
 
     Returns
     -------
@@ -97,6 +98,7 @@ def distributed(
         for one in made.materials if isinstance(made, Composite) else (made,):
             if one.calibrate == "discrete":
                 raise ValueError('calibrate = "discrete" cannot be measured over processes yet')
+    options.setdefault("threads", threads_of_a_rank())
     body = RankBody.of(comm, share, horizon, influence, rule, made, local if len(local) else None, **options)
     if any(comm.allgather(any(piece.dilatation is not None for piece in (body.inside, body.across) if piece))):
         raise ValueError("a Poisson ratio other than that of bonds alone does not go over processes yet")

@@ -38,6 +38,22 @@ def world() -> Any:
     return comm
 
 
+def threads_of_a_rank() -> int:
+    """Return how many threads each rank of this machine may have: its part of the cores that they may use together."""
+    from mpi4py import MPI
+
+    beside = world().Split_type(MPI.COMM_TYPE_SHARED)
+    # bound to different cores they may use more together than each alone
+    together, ranks = set[int]().union(*beside.allgather(_cores())), beside.size
+    beside.Free()
+    return max(1, len(together) // int(ranks))
+
+
+def _cores() -> set[int]:
+    affinity = getattr(os, "sched_getaffinity", None)
+    return set(range(os.cpu_count() or 1)) if affinity is None else set(affinity(0))
+
+
 def _abort(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
     """Print an error that nobody has caught, and end all processes: the others would wait for this one for ever."""
     sys.__excepthook__(kind, error, trace)
