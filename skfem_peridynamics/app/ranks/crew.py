@@ -40,7 +40,9 @@ class Crew:
     fixed: list[Prescribed]
     now: State | None = field(default=None, init=False)
     failed: UnstableRun | None = field(default=None, init=False)
-    _known: StepLimit | None = field(default=None, init=False)
+    # on the first rank: numbers of the state to start from, and the vectors u, v, a
+    start: dict[str, Any] | None = field(default=None, init=False)
+    given: tuple[Floats | None, ...] = field(default=(None, None, None), init=False)
     _steps: Iterator[State] = field(default_factory=lambda: iter(()), init=False)
 
     @classmethod
@@ -89,18 +91,16 @@ class Crew:
     # ---- what can be ordered
     def limit(self) -> StepLimit:
         """The stable step."""
-        self._known = stable_time_step(self.body, self.m)
-        return self._known
+        return stable_time_step(self.body, self.m)
 
-    def begin(self, dt: float, until: float, limit: StepLimit, has: tuple[bool, bool], start: bool) -> None:
+    def begin(self, dt: float, until: float, limit: StepLimit, has: tuple[bool, bool], resumed: bool) -> None:
         """Make ready to step from the initial vectors, or from a state, that the first rank deals out."""
-        given = self._start if start else None
-        u, v = (self.body.scatter(self._given[k]) if has[k] else None for k in (0, 1))
+        u, v = (self.body.scatter(self.given[k]) if has[k] else None for k in (0, 1))
         state = None
-        if start:
-            numbers = self.comm.bcast(given)
+        if resumed:
+            numbers = self.comm.bcast(self.start)
             mine = numbers if self.comm.rank == 0 else numbers | {"work": 0.0, "dissipated": 0.0}
-            a = self.body.scatter(self._given[2])
+            a = self.body.scatter(self.given[2])
             state = State(u=u, v=v, a=a, **mine)  # type: ignore[arg-type]
             u = v = None
         self._steps = central_difference(
@@ -116,11 +116,8 @@ class Crew:
             watch=Watch(_CHECKED, limit),
             start=state,
         )
-        if not start:
+        if not resumed:
             self.now = next(self._steps)
-
-    _start: dict[str, Any] | None = None  # on the first rank: numbers of the state to start from
-    _given: tuple[Floats | None, ...] = (None, None, None)  # and vectors u, v, a
 
     def advance(self, count: int) -> bool:
         """Make some steps; return whether the motion is sound."""

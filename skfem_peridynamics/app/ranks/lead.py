@@ -77,7 +77,7 @@ class LeadingProblem(Problem):
         return found
 
     def check_rigid(self) -> None:
-        """Bonds are looked at rank by rank: a vertex that nothing holds is refused by its rank."""
+        """A vertex without a bond is refused by its rank; uniform strains of the whole are not looked at."""
 
     def look(self, state: Any, count: bool, damage: bool) -> tuple[Census | None, Damage | None]:
         """Return the census and the damage at a state."""
@@ -97,9 +97,9 @@ class LeadingProblem(Problem):
         steps, output = round(time_table.until / dt), self.scene.output
         if start is not None:
             numbers = {name: getattr(start, name) for name in State.NUMBERS if name != "lag"}
-            crew._start, crew._given = numbers, (start.u, start.v, start.a)
+            crew.start, crew.given = numbers, (start.u, start.v, start.a)
         else:
-            crew._given = (self.u0, self.v0, None)
+            crew.given = (self.u0, self.v0, None)
         has = (True, True) if start is not None else (self.u0 is not None, self.v0 is not None)
         crew.order("begin", dt, time_table.until, self.limit, has, start is not None)
         step = 0 if start is None else start.step
