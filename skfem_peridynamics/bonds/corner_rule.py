@@ -54,7 +54,7 @@ class CornerRule:
     angular : int, optional
         Directions of half the ball; in 3D the smallest Lebedev rule with so many.
     whole : float, optional
-        Part of the horizon, from 0 to below 1, within which all pairs are kept.
+        Part of the horizon, from 0 to 0.9, within which all pairs are kept; 0 where the influence function is 0 beyond.
 
     Raises
     ------
@@ -81,8 +81,8 @@ class CornerRule:
             value = getattr(self, name)
             if value is not None and (isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1):
                 raise ValueError(f"{name} = {value!r} must be a whole number, at least 1")
-        if self.whole is not None and not 0.0 <= self.whole < 1.0:
-            raise ValueError(f"whole = {self.whole!r} must be a part of the horizon, from 0 to below 1")
+        if self.whole is not None and not 0.0 <= self.whole <= 0.9:
+            raise ValueError(f"whole = {self.whole!r} must be a part of the horizon, from 0 to 0.9")
 
     @property
     def name(self) -> str:
@@ -251,6 +251,8 @@ class CornerRule:
         assert self.angular is not None
         assert self.whole is not None
         n, dim, whole = samples.nsamples, int(mesh.dim()), self.whole
+        if not (influence(np.linspace(whole, 1.0, 64)[1:-1]) > 0.0).any():
+            whole = 0.0
         e, angle = half_sphere(dim, self.angular)
         e, angle = np.concatenate([e, -e]), np.concatenate([angle, angle])
         # rules of s^d beyond what is whole, with J and, for rays that end before the horizon, without; s of it is in

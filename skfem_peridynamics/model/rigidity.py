@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import scipy.sparse as sparse
@@ -70,24 +70,33 @@ def check_rigid(body: Peridynamics) -> None:
     ValueError: no bond resists a shear of x and y of the whole body: the horizon, 0.26, is too short for this mesh
     """
     bonds = body.bonds
-    p = bonds.mesh.p
-    stiffness = vertex_stiffness(body)
+    check_rigidity(
+        bonds.mesh.p,
+        bonds.horizon,
+        vertex_stiffness(body),
+        body.stiffness_operator().matvec,
+        weighted=bonds.vertex_weight is not None,
+    )
+
+
+def check_rigidity(
+    p: Floats, horizon: float, stiffness: Floats, product: Callable[[Floats], Floats], weighted: bool = False
+) -> None:
+    """Do what :func:`check_rigid` does, from what vertices are held with and products with the stiffness."""
     least, most = np.linalg.eigvalsh(stiffness)[:, [0, -1]].T
     floppy = np.flatnonzero((least <= _NOTHING * most) & (most > 0.0))
-    if bonds.vertex_weight is None and len(floppy):
+    if not weighted and len(floppy):
         where = ", ".join(f"{x:g}" for x in p[:, floppy[0]])
         raise ValueError(
             f"all bonds of vertex {floppy[0]} at ({where}) lie along a line or in a plane, and nothing holds it "
-            f"across: the horizon, {bonds.horizon:g}, is too short for this mesh"
+            f"across: the horizon, {horizon:g}, is too short for this mesh"
         )
-    K = body.stiffness_operator()
-    strained = {name: float(u @ (K @ u)) for name, u in uniform_strains(p)}
+    strained = {name: float(u @ product(u)) for name, u in uniform_strains(p)}
     largest = max(strained.values())
     for name, energy in strained.items():
         if energy <= _NOTHING * largest:
             raise ValueError(
-                f"no bond resists a {name} of the whole body: the horizon, {bonds.horizon:g}, is too short for this "
-                "mesh"
+                f"no bond resists a {name} of the whole body: the horizon, {horizon:g}, is too short for this mesh"
             )
 
 

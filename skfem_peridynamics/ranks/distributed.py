@@ -84,6 +84,8 @@ def distributed(
     mine = None
     if comm.rank == 0:
         assert mesh is not None
+        if mesh.nvertices < comm.size:
+            raise ValueError(f"{comm.size} processes are too many for {mesh.nvertices} vertices")
         reach = horizon + float(vertex_sizes(mesh).max()) + float(longest_edge(mesh))
         owner = divided(mesh.p, bonds_of_vertices(mesh, horizon), comm.size)
         chosen = np.zeros(mesh.nvertices, dtype=bool)
@@ -100,6 +102,8 @@ def distributed(
                 raise ValueError('calibrate = "discrete" cannot be measured over processes yet')
     options.setdefault("threads", threads_of_a_rank())
     body = RankBody.of(comm, share, horizon, influence, rule, made, local if len(local) else None, **options)
+    if min(comm.allgather(body.nbonds)) == 0:
+        raise ValueError(f"{comm.size} processes are too many: one of them would have no bond to compute")
     if any(comm.allgather(any(piece.dilatation is not None for piece in (body.inside, body.across) if piece))):
         raise ValueError("a Poisson ratio other than that of bonds alone does not go over processes yet")
     return body

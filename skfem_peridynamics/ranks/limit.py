@@ -51,7 +51,8 @@ def _largest(body: RankBody, scale: Floats, tolerance: float) -> tuple[float, fl
         solver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
         solver.setDimensions(1, _VECTORS)
         solver.setTolerances(tolerance, 60)
-        start.array[:] = np.random.default_rng([0, body.share.rank]).standard_normal(len(scale))
+        whole = np.random.default_rng(0).standard_normal((body.share.nvertices, body.dim))
+        start.array[:] = whole[body.share.number[: body.share.own]].ravel()  # the same for any number of ranks
         solver.setInitialSpace(start)
         solver.solve()
         if solver.getConverged() < 1:

@@ -213,5 +213,12 @@ def test_what_it_is_not_for():
         _ = BondBasis(vector_basis(box(1, 9)), 0.5, rule=CornerRule()).parts
     with pytest.raises(ValueError, match="radial = 0 must be a whole number"):
         CornerRule(radial=0)
-    with pytest.raises(ValueError, match=r"whole = 1.0 must be a part of the horizon"):
-        CornerRule(whole=1.0)
+    with pytest.raises(ValueError, match=r"whole = 0.95 must be a part of the horizon"):
+        CornerRule(whole=0.95)
+
+
+def test_an_influence_function_that_ends_early_has_points_where_it_is():
+    bonds = BondBasis(vector_basis(box(3, 6)), 0.6, lambda s: np.maximum(0.0, 1.0 - 2.0 * s), CornerRule())
+    assert bonds.nbonds > 1000
+    assert np.isfinite(bonds.weight).all()
+    assert (bonds.weight > 0).all()

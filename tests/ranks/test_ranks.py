@@ -265,3 +265,54 @@ def test_mistakes_end_all_ranks(tmp_path):
     assert ended.returncode != 0
     assert time.monotonic() - begin < 60
     assert "sqrt" in ended.stderr
+
+
+LOST = {
+    "no_fail": (PLATE.replace("0.1 - x", "-1 - x"), "no_fail[0] selects no vertex"),
+    "shear": (
+        "mesh = {box = [[0, 1], [0, 1]], divisions = [12, 12]}\nbonds = {horizon = 0.05}",
+        "no bond resists a shear",
+    ),
+    "lonely": ("mesh = {box = [[0, 1]], divisions = [10]}\nbonds = {horizon = 0.03}", "without a bond"),
+    "few": ("mesh = {box = [[0, 1]], divisions = [2]}\nbonds = {horizon = 0.6}", "processes are too many"),
+    "late": (PLATE.replace('"1e-3*sin(t)*y"', '"1e-3*sqrt(1 - t)"'), "sqrt"),
+}
+REST = """
+material = {young = 1.0, toughness = 1.0, density = 1.0}
+initial = {velocity = ["1e-3*x"]}
+time = {until = 1.0}
+output = {frames = 0, pictures = false}
+"""
+
+
+@needs_mpi
+@pytest.mark.parametrize("what", LOST)
+def test_what_is_found_when_all_have_begun_ends_all(what, tmp_path):
+    """In a sentence, with the code of a mistake, and no rank waits for ever."""
+    scene, told = LOST[what]
+    rest = REST if "time" not in scene else ""
+    if what == "shear":
+        rest = rest.replace("density = 1.0", 'density = 1.0, plane = "strain"').replace('["1e-3*x"]', '["1e-3*x", "0"]')
+    ended = launch_run(3, tmp_path / "out", text=scene + rest)
+    assert ended.returncode == 2, ended.stderr[-2000:]
+    assert told in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+@needs_mpi
+def test_a_body_loaded_from_rest_is_no_unstable_run(tmp_path):
+    """Where nothing has moved the balance is round-off of ripples, whose sums are taken in another order."""
+    scene = """
+mesh = {box = [[0, 1], [0, 1]], divisions = [16, 16]}
+material = {young = 1.0, toughness = 1.0, density = 1.0, plane = "strain"}
+bonds = {horizon = 0.2}
+load = [
+  {traction = ["0.3", "0"], on = "right", layer = 0.2},
+  {traction = ["-0.3", "0"], on = "left", layer = 0.2},
+]
+time = {until = 1.0}
+output = {frames = 0, pictures = false}
+"""
+    for n in (2, 3):
+        ended = launch_run(n, tmp_path / f"of{n}", text=scene)
+        assert ended.returncode == 0, ended.stderr[-2000:]

@@ -10,6 +10,7 @@ import pytest
 
 from reference import force_on_square
 from skfem_peridynamics import BallRule, Exponential, Linear, PairRule, Rational
+from skfem_peridynamics._version import __version__
 from skfem_peridynamics.app.cli.main import main
 from skfem_peridynamics.geometry.boxes import unit_box
 from skfem_peridynamics.model.discretisation import CLASSICAL, Discretisation
@@ -263,6 +264,14 @@ def test_a_study_that_was_stopped_is_gone_on_with(tmp_path, capsys, monkeypatch)
     assert main(words) == 0  # unasked it begins anew
     assert len(done) == 17
     (tmp_path / "out" / "twice" / "study.json").unlink()
+    other, mine = tmp_path / "out" / "waves-1d" / "study.csv", tmp_path / "out" / "twice" / "study.csv"
+    for text, told in (
+        (other.read_text(), "line 2: a row of waves-1d by version"),
+        (mine.read_text().replace(__version__, "0.0.1"), "a row of twice by version 0.0.1"),
+    ):
+        mine.write_text(text)
+        assert main([*words, "--resume"]) == 2
+        assert told in capsys.readouterr().err
     (tmp_path / "out" / "twice" / "study.csv").write_text("problem,dim\nx,one\n")
     assert main([*words, "--resume"]) == 2
     assert "line 2: not a row of a study" in capsys.readouterr().err

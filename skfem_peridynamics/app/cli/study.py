@@ -71,7 +71,7 @@ def _named(name: str, folder: Path, quick: bool, resume: bool, report: Callable[
         report(f"{name}: is whole in {folder}")
         return
     try:
-        known = read_rows(folder) if resume else []
+        known = read_rows(folder, name) if resume else []
     except ValueError as error:
         raise SceneError(f"study {name} --resume: {error}; without --resume it begins anew") from error
     make_folder(folder)

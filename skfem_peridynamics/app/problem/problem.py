@@ -209,10 +209,15 @@ class Problem:
             ) from None
 
     @cached_property
+    def no_fail(self) -> Longs | None:
+        """The vertices all of whose bonds stay linear, None where the scene names none."""
+        regions = [self.vertices(table, f"no_fail[{k}]") for k, table in enumerate(self.scene.no_fail)]
+        return np.unique(np.concatenate(regions)) if regions else None
+
+    @cached_property
     def body_at_rest(self) -> Peridynamics:
         """The body for what is asked of it at rest, the step limit before all: some forty products."""
-        regions = [self.vertices(table, f"no_fail[{k}]") for k, table in enumerate(self.scene.no_fail)]
-        no_fail = np.unique(np.concatenate(regions)) if regions else None
+        no_fail = self.no_fail
         breaking = self.scene.material.breaking
         with blame("material"):
             body = Peridynamics(self.bonds, self.material, no_fail=no_fail)

@@ -38,6 +38,7 @@ class Crew:
     m: Floats
     load: Load | None
     fixed: list[Prescribed]
+    busy: bool = field(default=False, init=False)
     now: State | None = field(default=None, init=False)
     failed: UnstableRun | None = field(default=None, init=False)
     # on the first rank: numbers of the state to start from, and the vectors u, v, a
@@ -49,17 +50,13 @@ class Crew:
     def of(cls, comm: Any, scene: Scene, problem: Problem | None) -> Crew:
         """Deal a problem, which the first rank has, out over all."""
         lead = problem is not None
-        no_fail = None
-        if problem is not None and scene.no_fail:
-            regions = [problem.vertices(table, f"no_fail[{k}]") for k, table in enumerate(scene.no_fail)]
-            no_fail = np.unique(np.concatenate(regions))
         body = distributed(
             problem.mesh if problem is not None else None,
             scene.bonds.horizon,
             lambda mesh: make_material(scene, mesh),
             influence=scene.bonds.influence,
             rule=scene.bonds.make_rule(),
-            no_fail=no_fail,
+            no_fail=None if problem is None else problem.no_fail,
         )
         share = body.share
         m = body.scatter(problem.mass.diagonal() if problem is not None else None)
@@ -78,8 +75,11 @@ class Crew:
 
     def order(self, name: str, *arguments: Any) -> Any:
         """Have all ranks do something; return what came out, on the first."""
+        self.busy = True  # and stays so where something is raised in the midst of it
         self.comm.bcast((name, arguments), root=0)
-        return getattr(self, name)(*arguments)
+        found = getattr(self, name)(*arguments)
+        self.busy = False
+        return found
 
     def follow(self) -> None:
         """Do what the first rank says, until it says that it is over."""
@@ -152,6 +152,15 @@ class Crew:
         """The energy of the last state."""
         assert self.now is not None
         return self.body.total(self.body.energy(np.asarray(self.now.u)))
+
+    def vertex_stiffness(self) -> Floats | None:
+        """What vertices are held with."""
+        found = self.body.gather(self.body.vertex_stiffness().ravel())
+        return None if found is None else found.reshape(-1, self.body.dim, self.body.dim)
+
+    def product(self) -> Floats | None:
+        """The product of the stiffness with the first vector that is given."""
+        return self.body.gather(self.body.stiffness(self.body.scatter(self.given[0])))
 
     def bonds(self) -> list[int] | None:
         """How many bonds each rank has."""

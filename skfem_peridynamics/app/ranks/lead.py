@@ -11,13 +11,14 @@ from typing import Any
 
 from ..._types import Floats
 from ...analysis.damage import Census, Damage
+from ...model.rigidity import check_rigidity
 from ...solve.cfl import StepLimit
 from ...solve.instability import UnstableRun
 from ...solve.mass_solver import Lumped
 from ...solve.state import State
 from ..problem.problem import Problem
 from ..run.record import Marks
-from ..scene.reading import SceneError
+from ..scene.reading import SceneError, blame
 from ..scene.scene import Scene
 from .crew import Crew
 
@@ -77,7 +78,16 @@ class LeadingProblem(Problem):
         return found
 
     def check_rigid(self) -> None:
-        """A vertex without a bond is refused by its rank; uniform strains of the whole are not looked at."""
+        """Raise :class:`SceneError` where bonds leave a vertex or the whole body free to move."""
+
+        def product(u: Floats) -> Floats:
+            self._crew.given = (u, None, None)
+            found: Floats = self._crew.order("product")
+            return found
+
+        with blame("bonds"):
+            held = self._crew.order("vertex_stiffness")
+            check_rigidity(self.mesh.p, self.scene.bonds.horizon, held, product)
 
     def look(self, state: Any, count: bool, damage: bool) -> tuple[Census | None, Damage | None]:
         """Return the census and the damage at a state."""

@@ -40,34 +40,43 @@ def run_over_ranks(path: Path, out: Path, progress: Progress | None = None, **op
     if comm.rank:
         return _follow(comm, path)
     crew: Crew | None = None
+    begun = False
     try:
         scene = Scene.read(path)
         refuse(scene)
         problem = Problem(scene)
         if problem.dilated >= 0.0:
             raise SceneError("material.poisson, other than that of bonds alone, does not go with --mpi yet")
-        for name in ("load", "fixed", "u0", "v0", "mass"):  # its mistakes are told before the others begin
+        for name in ("load", "fixed", "u0", "v0", "mass", "no_fail"):  # its mistakes are told before the others begin
             getattr(problem, name)
         try:
             check_memory(problem.expected_bytes // comm.size)
         except ValueError as error:
             raise SceneError(str(error)) from None
         comm.bcast(True, root=0)
+        begun = True
         crew = Crew.of(comm, scene, problem)
         leading = LeadingProblem(scene, crew=crew)
         leading.__dict__.update(problem.__dict__)  # what is made already
         return run(scene, out, progress, problem=leading, **options)
-    except (SceneError, UnstableRun, OutputError, Interrupted):
-        if crew is None:
+    except (SceneError, UnstableRun, OutputError, Interrupted, ValueError) as error:
+        if not begun:
             comm.bcast(False, root=0)
+        elif crew is None or crew.busy:  # in the midst of what all do together: the others wait for ever
+            _tell(error)
+            abort(getattr(error, "code", 1 if isinstance(error, OutputError) else 2))
         raise
     except BaseException:
         traceback.print_exc()
         abort(1)
         raise
     finally:
-        if crew is not None:
+        if crew is not None and not crew.busy:
             crew.order("close")
+
+
+def _tell(error: BaseException) -> None:
+    print(f"skfem-peridynamics: {' '.join(str(error).split())}", file=sys.stderr, flush=True)
 
 
 def _follow(comm: Any, path: Path) -> dict[str, Any]:
@@ -78,8 +87,8 @@ def _follow(comm: Any, path: Path) -> dict[str, Any]:
     try:
         if comm.bcast(None, root=0):
             Crew.of(comm, Scene.read(path), None).follow()
-    except SceneError as error:  # a formula that is no number at a place of this rank
-        print(f"skfem-peridynamics: {error}", file=sys.stderr)
+    except ValueError as error:  # a formula that is no number, or a vertex without a bond, of this rank
+        _tell(error)
         abort(2)
     except BaseException:
         traceback.print_exc()

@@ -49,10 +49,10 @@ def write_study(folder: Path, outcome: Result, pictures: bool) -> list[str]:
     return names
 
 
-def read_rows(folder: Path) -> list[Row]:
+def read_rows(folder: Path, name: str) -> list[Row]:
     """Return the rows that a study which was stopped left in ``study.csv``; none where there is no such file.
 
-    Raises ``ValueError`` for a file that is not of this version's studies.
+    Raises ``ValueError`` for a file of another study, or of another version.
     """
     path = folder / "study.csv"
     if not path.exists():
@@ -62,9 +62,12 @@ def read_rows(folder: Path) -> list[Row]:
     with open(path, newline="") as file:
         for number, line in enumerate(csv.DictReader(file), 2):
             try:
-                rows.append(Row(**{name: kind(line[name]) for name, kind in kinds.items()}))
+                rows.append(Row(**{key: kind(line[key]) for key, kind in kinds.items()}))
+                found = rows[-1].problem, line["version"]
             except (KeyError, TypeError, ValueError) as error:
                 raise ValueError(f"{path}, line {number}: not a row of a study of this version ({error})") from error
+            if found != (name, __version__):
+                raise ValueError(f"{path}, line {number}: a row of {found[0]} by version {found[1]}")
     return rows
 
 
@@ -101,9 +104,9 @@ def as_csv(outcome: Result) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     if outcome.rows:
-        writer.writerow(as_dict(outcome.rows[0]))
+        writer.writerow([*as_dict(outcome.rows[0]), "version"])
         for row in outcome.rows:
-            writer.writerow(as_dict(row).values())
+            writer.writerow([*as_dict(row).values(), __version__])
     for heading, columns, rows in outcome.tables:
         writer.writerow(("table", *columns))
         writer.writerows((heading, *row) for row in rows)
