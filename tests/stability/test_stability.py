@@ -48,7 +48,9 @@ def test_every_case_holds_when_quick(tmp_path, capsys):
     for name in ("race", "tear", "orders", "long_runs", "energy_balance", "torn_energy"):
         assert (tmp_path / "out" / f"{name}.png").stat().st_size > 5000
         assert f"({name}.png)" in report
-    for what in ("first Newmark", "first statics", "first explicit", "e-fold every"):
+    # which scheme is first in a race of seconds is the machine's to say
+    assert report.count("first ") >= 3
+    for what in ("Newmark", "statics", "explicit", "e-fold every"):
         assert what in report
 
 
