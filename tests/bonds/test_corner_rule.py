@@ -91,6 +91,17 @@ def test_weights_hold_the_influence_function(dim, n, eps, most, influence):
     assert energies[0] == pytest.approx(energies[1], rel=most)
 
 
+def test_moments_of_these_bonds_are_those_of_their_weights():
+    """Of the strain moment ``int J s^2``, 1/3 and 1/12, where an influence function in weights and bonds is one twice.
+
+    Measured 0.2 % and 0.05 % off; with J of the corners, too, 63 %.
+    """
+    for influence, exact in (("constant", 1 / 3), ("conical", 1 / 12)):
+        bonds = BondBasis(vector_basis(box(2, 32, "random")), 0.125, influence, CornerRule()).balanced()
+        print(influence, bonds.discrete_moments[0] / exact - 1)
+        assert bonds.discrete_moments[0] == pytest.approx(exact, rel=0.01)
+
+
 def errors(kind, counts, rule, step):
     problem = Manufactured(2, 0.125, law_of(2, 0.125), None, table=12)
     out = []

@@ -12,6 +12,7 @@ from reference import force_on_square
 from skfem_peridynamics import BallRule, Exponential, Linear, PairRule, Rational
 from skfem_peridynamics._version import __version__
 from skfem_peridynamics.app.cli.main import main
+from skfem_peridynamics.app.report.study_page import is_whole
 from skfem_peridynamics.geometry.boxes import unit_box
 from skfem_peridynamics.model.discretisation import CLASSICAL, Discretisation
 from skfem_peridynamics.study import catalogue
@@ -261,6 +262,8 @@ def test_a_study_that_was_stopped_is_gone_on_with(tmp_path, capsys, monkeypatch)
     assert main([*words, "--resume"]) == 0
     assert capsys.readouterr().out.count("is whole in") == 2
     assert len(done) == 9
+    assert not is_whole(tmp_path / "out" / "twice", "twice", quick=False)  # of fewer sizes
+    assert not is_whole(tmp_path / "out" / "twice", "waves-1d", quick=True)
     assert main(words) == 0  # unasked it begins anew
     assert len(done) == 17
     (tmp_path / "out" / "twice" / "study.json").unlink()
