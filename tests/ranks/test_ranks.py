@@ -32,6 +32,7 @@ material = {young = 1.0, toughness = 2e-4, density = 1.0, plane = "stress"}
 bonds = {horizon = 0.085}
 crack = [{points = [[0, 0.25], [0.5, 0.25]]}]
 time = {until = 2.0}
+initial = {velocity = ["2e-3*x", "1e-3"]}
 inclusion = [{where = "0.15 - sqrt((x - 0.8)**2 + (y - 0.1)**2)", young = 2.0}]
 no_fail = [{where = "0.1 - x"}]
 load = [
