@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._scaling import whole_power
-from .._types import Floats, Ints, Longs, Mesh
+from .._types import Floats, Longs, Mesh
 from ..geometry.neighbours import estimate_pairs
 from ..geometry.rays import Tracer
 from ..geometry.simplices import vertex_sizes
@@ -22,7 +22,7 @@ from ..geometry.visibility import sight
 from ..material.influence import Influence
 from . import rule as bond_parts
 from .bond_list import Balance
-from .pair_bonds import PairBonds, rim_share
+from .pair_bonds import PairBonds, pair_weights
 from .pair_rule import PairRule
 from .quadrature import half_sphere, radial_rule, turns
 from .rule import Part, rows_of
@@ -260,10 +260,8 @@ class CornerRule:
         nodes, W = radial_rule(lambda s: influence(s) * (s >= whole), dim, self.radial)
         nodes_cut, W_cut = radial_rule(lambda s: np.where(s >= whole, 1.0, 0.0), dim, self.radial)
         way = np.einsum("nij,kj->nki", turns(dim, n, len(e)), e).reshape(-1, dim)
-        x, vertex = (
-            np.repeat(samples.points, len(e), axis=0),
-            np.repeat(samples.vertices[:, 0].astype(np.int64), len(e)),
-        )
+        x = np.repeat(samples.points, len(e), axis=0)
+        vertex = np.repeat(samples.vertices[:, 0].astype(np.int64), len(e))
         tracer = Tracer(mesh)
         begin = tracer.first_elements(vertex, way)
         inside = np.flatnonzero(begin >= 0)
@@ -288,17 +286,6 @@ class CornerRule:
             for i, j in pairs.ends_within(mesh, samples, whole * horizon):
                 near.append(i)
                 far.append(j.astype(np.int64))
-                weight.append(
-                    _whole_weights(samples, i, j, whole * horizon) * influence(_lengths(samples, i, j) / horizon)
-                )
+                r = np.asarray(np.linalg.norm(samples.points[j] - samples.points[i], axis=1))
+                weight.append(pair_weights(samples, i, j, r, whole * horizon) * influence(r / horizon))
         return np.concatenate(near).astype(np.int64), np.concatenate(far).astype(np.int64), np.concatenate(weight)
-
-
-def _lengths(samples: Samples, i: Longs, j: Longs | Ints) -> Floats:
-    return np.asarray(np.linalg.norm(samples.points[j] - samples.points[i], axis=1))
-
-
-def _whole_weights(samples: Samples, i: Longs, j: Longs | Ints, reach: float) -> Floats:
-    """The weights of pairs, both orders, the rim shared out."""
-    volume: Floats = samples.volume[i] * samples.volume[j]
-    return volume * rim_share(_lengths(samples, i, j), reach, samples.size, i, j)

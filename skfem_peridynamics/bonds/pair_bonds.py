@@ -47,12 +47,11 @@ class PairBonds:
         """Return the rule's own weights: both orders of the ends, the rim shared out (see :func:`rim_share`)."""
         ends = self.ends + np.int32(self.first)
         i, j = ends[:, 0], ends[:, 1]
-        volume = self.samples.volume
-        # a pair stands for both orders of its ends
-        both = np.full(len(i), 2.0)
         if self.reach > 0.0:
-            both = rim_share(np.linalg.norm(self.vectors(), axis=1), self.reach, self.samples.size, i, j)
-        weight: Floats = volume[i] * volume[j] * both
+            return pair_weights(self.samples, i, j, np.linalg.norm(self.vectors(), axis=1), self.reach)
+        # a pair stands for both orders of its ends
+        volume = self.samples.volume
+        weight: Floats = volume[i] * volume[j] * np.full(len(i), 2.0)
         return weight
 
     def with_weight(self, weight: Floats) -> PairBonds:
@@ -109,6 +108,12 @@ class PairBonds:
         """Return marks at x and at y, each (nbonds,): of samples, and where an end is none, of its element."""
         ends = self.ends + np.int32(self.first)
         return at_samples[ends[:, 0]], at_samples[ends[:, 1]]
+
+
+def pair_weights(samples: Samples, i: Longs | Ints, j: Longs | Ints, r: Floats, reach: float) -> Floats:
+    """Return the weights of pairs of samples at distances r: both orders of their ends, the rim shared out."""
+    weight: Floats = samples.volume[i] * samples.volume[j] * rim_share(r, reach, samples.size, i, j)
+    return weight
 
 
 def rim_share(r: Floats, reach: float, size: Floats, i: Longs | Ints, j: Longs | Ints) -> Floats:

@@ -30,7 +30,7 @@ class RankBody:
     """The bonds that a rank computes, those that need no ghost (``inside``) and the others (``across``).
 
     Forces are those of the whole body at the rank's own vertices. Energies are the rank's part; :meth:`total` adds
-    parts up. All methods but ``energy`` are called by all ranks at once.
+    parts up. Methods are called by all ranks at once.
     """
 
     comm: Any

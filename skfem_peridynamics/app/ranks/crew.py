@@ -95,14 +95,16 @@ class Crew:
 
     def begin(self, dt: float, until: float, limit: StepLimit, has: tuple[bool, bool], resumed: bool) -> None:
         """Make ready to step from the initial vectors, or from a state, that the first rank deals out."""
-        u, v = (self.body.scatter(self.given[k]) if has[k] else None for k in (0, 1))
-        state = None
+        u = v = state = None
         if resumed:
             numbers = self.comm.bcast(self.start)
             mine = numbers if self.comm.rank == 0 else numbers | {"work": 0.0, "dissipated": 0.0}
-            a = self.body.scatter(self.given[2])
-            state = State(u=u, v=v, a=a, **mine)  # type: ignore[arg-type]
-            u = v = None
+            vectors: dict[str, Any] = {
+                name: self.body.scatter(x) for name, x in zip(State.VECTORS, self.given, strict=True)
+            }
+            state = State(**vectors, **mine)
+        else:
+            u, v = (self.body.scatter(self.given[k]) if has[k] else None for k in (0, 1))
         self._steps = central_difference(
             self.body,
             self.m,
