@@ -24,7 +24,7 @@ BROKEN_BALANCE = 0.1
 # of stable runs is better than 1e-4, of runs at 1.001 of the limit worse than 1.3e-3 (docs/evidence/stability.md).
 BROKEN_BEYOND = 1e-3
 ENERGY_FROM_NOWHERE = 100.0
-_ROUNDED = 1e-12
+_ROUNDED = 1e-12  # of the ripple: what sums in another order may differ by
 _HALF = 0.5  # of the limit: fast impacts were reported to run at 0.45 of it
 _EARLY = (10, 30)  # a step far beyond the limit shows itself at once
 

@@ -47,7 +47,7 @@ def toughness(bonds, directions=24, levels=8):
     return np.array(out) / Peridynamics(bonds, Linear(1.0)).crossing
 
 
-# over 24 directions; measured at 4 per horizon 0.989 to 1.004, 0.996 to 1.001, 0.986 to 1.005, at 8 0.997 to 1.005
+# over 24 directions; measured at 4 per horizon 0.989 to 1.004, 0.996 to 1.001, 0.986 to 1.005, at 8 0.997 to 1.003
 @pytest.mark.parametrize("kind", ["structured", "random", "graded"])
 @pytest.mark.parametrize(("per_horizon", "most"), [(4, 0.015), (8, 0.01)])
 def test_cracks_in_all_directions_cost_their_toughness(kind, per_horizon, most):
@@ -136,7 +136,7 @@ def test_it_converges_at_second_order(kind):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["structured", "random"])
 def test_a_torn_ligament_costs_what_it_costs_with_balanced_pairs(kind):
-    """A strip torn along 24 horizons: 0.9814 of G_c and 0.9812 with pairs; on a random mesh 0.988 and 0.995."""
+    """A strip torn along 24 horizons: 0.9828 of G_c and 0.9812 with pairs; on a random mesh 0.9908 and 0.9950."""
     costs = {}
     for rule in (CornerRule(), PairRule()):
         mesh = rectangle(32.0, 12.0, 0.25)
@@ -157,13 +157,13 @@ def test_counts_follow_the_mesh_and_the_estimate_is_right():
         assert CornerRule().fitted(mesh, 0.125) == CornerRule(*counts, whole=0.0)
         if n < 100:
             made = BondBasis(vector_basis(mesh), 0.125, rule=CornerRule()).nbonds
-            assert CornerRule().estimate(mesh, 0.125) == pytest.approx(made, rel=0.15)
+            assert CornerRule().estimate(mesh, 0.125) == pytest.approx(made, rel=0.15)  # 8 % at n = 32
     assert CornerRule(2, 5).name == "corner pairs 2 x 5"
     mesh = box(3, 14)
     assert CornerRule().fitted(mesh, 4 / 14) == CornerRule(1, 13, 0.5)
     assert CornerRule().fitted(mesh, 6 / 14) == CornerRule(1, 25, 0.5)
     made = BondBasis(vector_basis(mesh), 4 / 14, rule=CornerRule()).nbonds
-    assert CornerRule().estimate(mesh, 4 / 14) == pytest.approx(made, rel=0.15)
+    assert CornerRule().estimate(mesh, 4 / 14) == pytest.approx(made, rel=0.15)  # 6 %
 
 
 def test_operators_are_those_of_a_list_of_vertex_pairs():
