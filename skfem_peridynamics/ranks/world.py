@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from functools import cache
 from types import TracebackType
-from typing import Any
+from typing import Any, TextIO
 
 _SIZES = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "MPI_LOCALNRANKS")  # what launchers tell their processes
+_PATIENCE, _PAUSE = 3.0, 0.01  # seconds that a launcher may take to read what is said before the end
 
 
 @cache
@@ -61,7 +63,25 @@ def _abort(kind: type[BaseException], error: BaseException, trace: TracebackType
 
 
 def abort(code: int) -> None:
-    """End all processes."""
-    sys.stdout.flush()
-    sys.stderr.flush()
+    """End all processes, when what this one has said is on its way."""
+    for stream in (sys.stdout, sys.stderr):
+        stream.flush()
+        _wait_for_reader(stream)
     world().Abort(code)
+
+
+def _wait_for_reader(stream: TextIO) -> None:
+    """Wait until the launcher has read what is written: what is left in a pipe is lost when it ends the job."""
+    try:
+        import fcntl  # of Unix alone, as the launchers are that end a job at once
+        import termios
+    except ImportError:
+        return
+    for _ in range(round(_PATIENCE / _PAUSE)):
+        try:
+            left = fcntl.ioctl(stream.fileno(), termios.FIONREAD, bytes(4))
+        except (OSError, ValueError):  # a file, which has it already, or no descriptor at all
+            return
+        if int.from_bytes(left, sys.byteorder) == 0:
+            return
+        time.sleep(_PAUSE)

@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from skfem_peridynamics.app.ranks.lead import refuse
 from skfem_peridynamics.app.scene.reading import SceneError
 from skfem_peridynamics.geometry.boxes import unit_box
 from skfem_peridynamics.ranks.share import divided, shares
+from skfem_peridynamics.ranks.world import _wait_for_reader
 
 HERE = Path(__file__).parent
 needs_mpi = pytest.mark.skipif(
@@ -298,6 +300,24 @@ def test_what_is_found_when_all_have_begun_ends_all(what, tmp_path):
     assert ended.returncode == 2, ended.stderr[-2000:]
     assert told in ended.stderr
     assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes of Unix")
+def test_the_end_waits_until_its_reason_is_read():
+    """A launcher that hears of the end first drops what is left in the pipes of its processes."""
+    reader, writer = os.pipe()
+    with open(reader, "rb") as launcher, open(writer, "w") as stream:
+        stream.write("the reason")
+        stream.flush()
+        read = threading.Timer(0.3, launcher.read1)
+        begin = time.monotonic()
+        read.start()
+        _wait_for_reader(stream)
+        assert 0.25 < time.monotonic() - begin < 2.0
+        read.join()
+        begin = time.monotonic()
+        _wait_for_reader(stream)
+        assert time.monotonic() - begin < 0.1
 
 
 @needs_mpi
