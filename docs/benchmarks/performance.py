@@ -24,9 +24,8 @@ import numpy as np
 import skfem
 
 import skfem_peridynamics as peri
-from skfem_peridynamics.model.space import vector_basis
+from skfem_peridynamics.model.space import numbering_basis, vector_basis
 
-NO_BASIS = {"elements": np.array([0]), "intorder": 1}  # a basis that only numbers
 
 
 def in_turn(*things: Callable[[], Any], rounds: int = 9) -> list[float]:
@@ -54,7 +53,7 @@ def box(dim: int, n: int, length: float = 1.0) -> Any:
 
 
 def body_of(mesh: Any, horizon: float, rule: Any, law: Any, **options: Any) -> Any:
-    basis = vector_basis(mesh, **NO_BASIS)
+    basis = numbering_basis(mesh)
     return peri.Peridynamics(peri.BondBasis(basis, horizon, rule=rule), law, **options)
 
 
@@ -181,12 +180,12 @@ MEMORY = """
 import sys
 import numpy as np, skfem
 import skfem_peridynamics as peri
-from skfem_peridynamics.model.space import vector_basis
+from skfem_peridynamics.model.space import numbering_basis, vector_basis
 def now(name):
     with open("/proc/self/status") as file:
         return next(int(line.split()[1]) for line in file if line.startswith(name)) * 1024
 mesh = skfem.MeshTet.init_tensor(*[np.linspace(0.0, 49.0, 50)] * 3)
-basis = vector_basis(mesh, elements=np.array([0]), intorder=1)
+basis = numbering_basis(mesh)
 mesh.boundary_facets()
 small = skfem.MeshTet.init_tensor(*[np.linspace(0.0, 1.0, 5)] * 3)
 tiny = peri.Peridynamics(peri.BondBasis(vector_basis(small), 0.6), peri.Exponential(1.0, 1.0), compiled=True)
@@ -236,14 +235,14 @@ def setup(_: str | None) -> None:
     for _ in range(3):
         mesh = box(3, 49, 49.0)
         mesh.boundary_facets()
-        bonds = peri.BondBasis(vector_basis(mesh, **NO_BASIS), 3.015)
+        bonds = peri.BondBasis(numbering_basis(mesh), 3.015)
         _ = bonds.samples
         seconds.append(once(lambda: bonds.parts)[0])
     print(f"cube 50^3, vertex pairs with partial volume: {np.median(seconds):.2f} s", flush=True)
     for rule in (peri.PairRule(), peri.BallRule(3, 8, "vertices")):
 
         def make(rule: Any = rule) -> Any:
-            bonds = peri.BondBasis(vector_basis(box(2, 1000), **NO_BASIS), 4.0001e-3, rule=rule)
+            bonds = peri.BondBasis(numbering_basis(box(2, 1000)), 4.0001e-3, rule=rule)
             return bonds.parts
 
         print(f"10^6 vertices in 2D, {rule.name}, mesh and basis included: {once(make)[0]:.1f} s", flush=True)
