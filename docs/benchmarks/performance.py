@@ -27,7 +27,6 @@ import skfem_peridynamics as peri
 from skfem_peridynamics.model.space import numbering_basis, vector_basis
 
 
-
 def in_turn(*things: Callable[[], Any], rounds: int = 9) -> list[float]:
     """Median seconds of some calls in turn: three of each a round, and one before them to warm caches and threads."""
     seconds: list[list[float]] = [[] for _ in things]

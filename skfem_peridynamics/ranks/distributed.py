@@ -86,12 +86,11 @@ def distributed(
         assert mesh is not None
         if mesh.nvertices < comm.size:
             raise ValueError(f"{comm.size} processes are too many for {mesh.nvertices} vertices")
-        reach = horizon + float(vertex_sizes(mesh).max()) + float(longest_edge(mesh))
         owner = divided(mesh.p, bonds_of_vertices(mesh, horizon), comm.size)
         chosen = np.zeros(mesh.nvertices, dtype=bool)
         if no_fail is not None:
             chosen[np.asarray(no_fail)] = True
-        mine = [(share, np.flatnonzero(chosen[share.number])) for share in shares(mesh, owner, reach)]
+        mine = [(share, np.flatnonzero(chosen[share.number])) for share in shares(mesh, owner, reach_of(mesh, horizon))]
     share: Share
     local: Longs
     share, local = comm.scatter(mine, root=0)
@@ -107,6 +106,11 @@ def distributed(
     if any(comm.allgather(any(piece.dilatation is not None for piece in (body.inside, body.across) if piece))):
         raise ValueError("a Poisson ratio other than that of bonds alone does not go over processes yet")
     return body
+
+
+def reach_of(mesh: Mesh, horizon: float) -> float:
+    """Return how far beyond its own vertices a rank's mesh goes: what its bonds meet has its whole size there."""
+    return horizon + float(vertex_sizes(mesh).max()) + float(longest_edge(mesh))
 
 
 def bonds_of_vertices(mesh: Mesh, horizon: float) -> Floats:

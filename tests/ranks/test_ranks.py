@@ -16,9 +16,12 @@ import numpy as np
 import pytest
 
 from skfem_peridynamics import Scene, run
+from skfem_peridynamics.app.cli.main import main
+from skfem_peridynamics.app.problem.problem import Problem
 from skfem_peridynamics.app.ranks.lead import refuse
 from skfem_peridynamics.app.scene.reading import SceneError
 from skfem_peridynamics.geometry.boxes import unit_box
+from skfem_peridynamics.ranks.distributed import bonds_of_vertices, reach_of
 from skfem_peridynamics.ranks.share import divided, shares
 from skfem_peridynamics.ranks.world import _wait_for_reader
 
@@ -183,6 +186,45 @@ def test_runs_are_those_of_one_process(serial, tmp_path):
     assert launch_run(3, tmp_path / "again").returncode == 0
     for name in ("history.csv", "frame_0002.vtu"):
         assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "of3" / name).read_bytes()
+
+
+@needs_mpi
+def test_cfl_over_ranks_is_that_of_one_process(tmp_path):
+    """The bounds to round-off, the eigenvalue to the half per cent of the two Lanczos."""
+    (tmp_path / "scene.toml").write_text(PLATE)
+    ended = launch(3, "-P", "-m", "skfem_peridynamics", "cfl", tmp_path / "scene.toml", "--mpi", "--json")
+    assert ended.returncode == 0, ended.stderr[-2000:]
+    found, limit = json.loads(ended.stdout), Problem(Scene.parse(PLATE)).limit
+    assert found["bonds"] == Problem(Scene.parse(PLATE)).bonds.nbonds
+    for name in ("nodal_bound", "row_sum", "closed_form"):
+        assert found["step_limits"][f"by_{name}"] == pytest.approx(limit.steps()[name], rel=1e-12)
+    assert found["stable_step"] == pytest.approx(limit.dt, rel=5e-3)  # 3e-5 found
+    ended = launch(2, "-P", "-m", "skfem_peridynamics", "cfl", "--mesh", "none.msh", "--horizon", "1", "--mpi")
+    assert ended.returncode == 2
+    assert ended.stderr.count("--young") == 1
+
+
+def test_check_tells_what_each_process_would_have(tmp_path, capsys):
+    """The vertices and ghosts of the shares that a run deals out, and what does not go."""
+    scene = tmp_path / "scene.toml"
+    scene.write_text(PLATE)
+    assert main(["check", str(scene), "--mpi", "3"]) == 0
+    mesh = Problem(Scene.parse(PLATE)).mesh
+    dealt = shares(mesh, divided(mesh.p, bonds_of_vertices(mesh, 0.085), 3), reach_of(mesh, 0.085))
+    own = [share.own for share in dealt]
+    ghosts = [share.mesh.nvertices - share.own for share in dealt]
+    told = next(line for line in capsys.readouterr().out.splitlines() if "processes" in line)
+    words = f"3: {min(own)} to {max(own)} vertices each, {min(ghosts)} to {max(ghosts)} ghosts"
+    assert words in told
+    scene.write_text(PLATE.replace("horizon =", "balanced = true, horizon ="))
+    assert main(["check", str(scene), "--mpi", "3"]) == 2
+    assert "balanced" in capsys.readouterr().err
+    scene.write_text(PLATE)
+    assert main(["check", str(scene), "--mpi", "100000"]) == 2
+    assert "too many" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["check", str(scene), "--mpi", "0"])
+    assert "whole number" in capsys.readouterr().err
 
 
 @needs_mpi

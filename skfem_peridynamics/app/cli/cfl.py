@@ -7,7 +7,7 @@ import json
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..._version import __version__
 from ..files.history import plain, step_limits
@@ -15,6 +15,9 @@ from ..scene.body_tables import BondsTable, MaterialTable, MeshTable
 from ..scene.reading import SceneError
 from ..scene.scene import Scene, TimeTable
 from .table import print_table
+
+if TYPE_CHECKING:
+    from ..problem.problem import Problem
 
 
 def cfl(arguments: argparse.Namespace) -> int:
@@ -26,11 +29,25 @@ def cfl(arguments: argparse.Namespace) -> int:
     ]
     if arguments.scene is not None and flags:
         raise SceneError(f"--{flags[0]} is for a mesh file; with a scene, change the scene instead")
-    scene = _scene_of_flags(arguments) if arguments.scene is None else Scene.read(arguments.scene)
-    from ..problem.problem import Problem
 
+    def read() -> Scene:
+        scene = _scene_of_flags(arguments) if arguments.scene is None else Scene.read(arguments.scene)
+        return replace(scene, load=(), fixed=())
+
+    if not arguments.mpi:
+        from ..problem.problem import Problem
+
+        scene = read()
+        return _print_limit(scene, Problem(scene), arguments.json)
+    from ..ranks.run import first, over_ranks
+
+    first()  # tells where there is no MPI
+    code = over_ranks(read, lambda scene, problem: _print_limit(scene, problem, arguments.json))
+    return code or 0
+
+
+def _print_limit(scene: Scene, problem: Problem, as_json: bool) -> int:
     begin = time.perf_counter()
-    problem = Problem(replace(scene, load=(), fixed=()))
     limit = problem.limit
     numbers: dict[str, Any] = {
         "nodes": int(problem.mesh.nvertices),
@@ -43,7 +60,7 @@ def cfl(arguments: argparse.Namespace) -> int:
         "seconds": time.perf_counter() - begin,
         "version": __version__,
     }
-    if arguments.json:
+    if as_json:
         print(json.dumps(plain(numbers), indent=2, allow_nan=False))
         return 0
     steps = limit.steps()

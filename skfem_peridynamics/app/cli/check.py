@@ -13,7 +13,15 @@ def check(arguments: argparse.Namespace) -> int:
     scene = Scene.read(arguments.scene)
     from ..run.check import check as check_scene
 
+    if arguments.mpi is not None:
+        from ..ranks.lead import refuse
+
+        refuse(scene)
     rows = check_scene(scene)
+    if arguments.mpi is not None:
+        from ..ranks.check import check as check_ranks
+
+        rows += check_ranks(scene, arguments.mpi)
     print(f"{scene.title}: the scene is sound")
     print_table(rows)
     return 0

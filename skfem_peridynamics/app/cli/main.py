@@ -77,6 +77,12 @@ def _folder(name: str) -> Path:
     return Path(name)
 
 
+def _count(text: str) -> int:
+    if not text.isdecimal() or not 0 < len(text) < 8 or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"{cut(text)!r} is no number of processes: a whole number from 1 on")
+    return int(text)
+
+
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Say what is wrong with the arguments, and no more of them than that takes."""
@@ -110,6 +116,7 @@ def make_parser() -> argparse.ArgumentParser:
     cfl.add_argument("--plane", choices=("stress", "strain"))
     cfl.add_argument("--influence", choices=("constant", "conical", "gaussian"), default=None)
     cfl.add_argument("--json", action="store_true", help="print the numbers as JSON")
+    cfl.add_argument("--mpi", action="store_true", help="over the processes that mpiexec has started")
 
     study = commands.add_parser("study", help="error against run time: a study by its name, all of them, or of a scene")
     study.add_argument("what", nargs="?", metavar="NAME_OR_SCENE", help='a name of --list, "all", or a scene file')
@@ -131,4 +138,5 @@ def make_parser() -> argparse.ArgumentParser:
 
     check = commands.add_parser("check", help="read a scene and tell its size before anything runs")
     check.add_argument("scene", type=Path)
+    check.add_argument("--mpi", type=_count, metavar="N", help="as a run over N processes: what each has, what goes")
     return parser

@@ -1,4 +1,4 @@
-"""Run a scene over the processes that ``mpiexec`` has started."""
+"""Deal a scene out over the processes that ``mpiexec`` has started, and run it."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import contextlib
 import signal
 import sys
 import traceback
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from ...ranks.world import abort, world
 from ...solve.instability import UnstableRun
@@ -21,6 +22,8 @@ from ..scene.reading import SceneError
 from ..scene.scene import Scene
 from .crew import Crew
 from .lead import LeadingProblem, refuse
+
+Made = TypeVar("Made")
 
 
 def first() -> bool:
@@ -36,13 +39,26 @@ def run_over_ranks(path: Path, out: Path, progress: Progress | None = None, **op
 
     ``options`` are those of :func:`run`, but for the estimate. A rank that fails ends all of them.
     """
+
+    def lead(scene: Scene, problem: LeadingProblem) -> dict[str, Any]:
+        return run(scene, out, progress, problem=problem, **options)
+
+    return over_ranks(lambda: Scene.read(path), lead) or {}
+
+
+def over_ranks(read: Callable[[], Scene], lead: Callable[[Scene, LeadingProblem], Made]) -> Made | None:
+    """Deal a scene, which every rank can read, out over all; return what the first makes of it, None on the others.
+
+    A rank that fails ends all of them.
+    """
     comm = world()
     if comm.rank:
-        return _follow(comm, path)
+        _follow(comm, read)
+        return None
     crew: Crew | None = None
     begun = False
     try:
-        scene = Scene.read(path)
+        scene = read()
         refuse(scene)
         problem = Problem(scene)
         if problem.dilated >= 0.0:
@@ -58,7 +74,7 @@ def run_over_ranks(path: Path, out: Path, progress: Progress | None = None, **op
         crew = Crew.of(comm, scene, problem)
         leading = LeadingProblem(scene, crew=crew)
         leading.__dict__.update(problem.__dict__)  # what is made already
-        return run(scene, out, progress, problem=leading, **options)
+        return lead(scene, leading)
     except (SceneError, UnstableRun, OutputError, Interrupted, ValueError) as error:
         if not begun:
             comm.bcast(False, root=0)
@@ -79,18 +95,17 @@ def _tell(error: BaseException) -> None:
     print(f"skfem-peridynamics: {' '.join(str(error).split())}", file=sys.stderr, flush=True)
 
 
-def _follow(comm: Any, path: Path) -> dict[str, Any]:
-    """Take part in a run that the first rank leads."""
+def _follow(comm: Any, read: Callable[[], Scene]) -> None:
+    """Take part in what the first rank leads."""
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # the first one hears them, and says what follows
         with contextlib.suppress(AttributeError, ValueError):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     try:
         if comm.bcast(None, root=0):
-            Crew.of(comm, Scene.read(path), None).follow()
+            Crew.of(comm, read(), None).follow()
     except ValueError as error:  # a formula that is no number, or a vertex without a bond, of this rank
         _tell(error)
         abort(2)
     except BaseException:
         traceback.print_exc()
         abort(1)
-    return {}
