@@ -103,6 +103,11 @@ def test_force_tangent_and_engines(dim, n, rule, options):
     u, v, w = (moved(fast, 0.4, seed) for seed in (1, 2, 3))
     F = fast.force(u)
     np.testing.assert_allclose(slow.force(u), F, rtol=0, atol=1e-12 * np.abs(F).max())
+    lean = fast.with_(matrix_memory=0.0)  # measures made on the way
+    np.testing.assert_allclose(lean.force(u), F, rtol=0, atol=1e-12 * np.abs(F).max())
+    assert lean.energy(u) == pytest.approx(fast.energy(u), rel=1e-12)
+    for product in (lambda body: body.tangent_operator(u) @ v, lambda body: body.stiffness_operator() @ v):
+        np.testing.assert_allclose(product(lean), product(slow), rtol=0, atol=1e-12 * np.abs(product(slow)).max())
     for body in (fast, slow):
         d = 1e-5
         assert (body.energy(u + d * v) - body.energy(u - d * v)) / (2 * d) == pytest.approx(-(F @ v), rel=1e-6)

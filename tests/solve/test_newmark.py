@@ -5,7 +5,7 @@ import pytest
 
 import skfem_peridynamics as peri
 from bodies import body_on, box, vector_basis
-from skfem_peridynamics.solve.newton import Objective
+from skfem_peridynamics.solve.newton import Effort, Objective, _search
 from skfem_peridynamics.solve.preconditioner import NAMES, Preconditioner
 
 
@@ -250,11 +250,34 @@ def test_a_step_stops_before_bonds_that_hold_come_near_breaking(compiled):
     x = body.bonds.mesh.p[0]
     # T = sqrt(r) S: a stretch by s strains all bonds by s
     assert objective.reach(0 * x, x[1:]) == pytest.approx(0.7 * law.inflection / np.sqrt(0.1), rel=1e-12)
+    slow = objective.reach(0 * x, 1e-4 * x[1:])  # of a direction in which nothing moves by its critical strain
+    assert slow == pytest.approx(0.7e4 * law.inflection / np.sqrt(0.1), rel=1e-12)
     torn = np.where(x > 0.55, 1.0, 0.0)  # one bond is far beyond breaking, and may go on
     assert objective.reach(torn, torn[1:]) == np.inf
     assert objective.reach(0 * x, torn[1:]) == pytest.approx(0.7 * law.inflection * 0.1 / np.sqrt(0.1), rel=1e-9)
     linear = body_on(box(1, 10), 0.1, compiled=compiled)
     assert Objective(linear, np.arange(1, 11), np.ones(11)).reach(0 * x, x[1:]) == np.inf
+
+
+@pytest.mark.parametrize(("reach", "length"), [(5.0, 4.0), (4.0, 4.0), (3.9, 2.0), (0.5, 0.5)])
+def test_where_the_curvature_is_negative_a_step_doubles_within_its_reach(reach, length):
+    """Down ``-x - x^2/2``, which has no end."""
+
+    class Hill:
+        free = np.array([0])
+
+        def value(self, u):
+            return float(-u[0] - u[0] ** 2 / 2), float(abs(u[0]) + u[0] ** 2 / 2)
+
+        def gradient(self, u):
+            return -1.0 - u, np.ones(3)
+
+    effort = Effort()
+    u, value, *_ = _search(Hill(), np.zeros(1), np.ones(1), -1.0, 0.0, 0.0, True, reach, effort)
+    assert u[0] == length
+    assert value == -length - length**2 / 2
+    u, *_ = _search(Hill(), np.zeros(1), np.ones(1), -1.0, 0.0, 0.0, False, reach, effort)
+    assert u[0] == min(1.0, reach)  # not looked for where the curvature is not
 
 
 def test_a_direction_of_negative_curvature_goes_down():
