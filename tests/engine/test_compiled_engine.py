@@ -325,3 +325,13 @@ def test_a_cache_that_cannot_be_written(monkeypatch):
     monkeypatch.setattr(twice._cache, "save_overload", full)
     _compile._forgive(twice)
     assert twice(2.0) == 4.0
+
+
+@pytest.mark.parametrize("q", [1e295, np.inf])
+def test_the_energy_of_what_is_torn_beyond_all_numbers_is_its_limit(q):
+    """``q / (1 + b q)`` is 1/b there, and no infinity over infinity."""
+    from skfem_peridynamics.engine.law_loops import RATIONAL, ROOM, K, Q, stored
+
+    W = np.zeros(ROOM)
+    W[K], W[Q] = 3.0, q
+    assert stored(RATIONAL, 2.0, 1e10, None, W, 1) == pytest.approx(6e-10, rel=1e-12)

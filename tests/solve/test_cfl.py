@@ -302,6 +302,26 @@ def test_the_limit_of_a_tangent_keeps_a_margin(monkeypatch):
     assert step == pytest.approx(2.0 / np.sqrt(4.5 * 1.02), rel=1e-14)
 
 
+def test_the_limit_of_a_small_tangent_is_that_of_its_spectrum():
+    """All eigenvalues of so small a body are computed: no margin is needed."""
+    from skfem_peridynamics.solve import tangent_limit
+
+    body, density = body_on(box(2, 4), 0.5), 7.0
+    M = mass_matrix(body.basis, density=density)
+    assert body.basis.N <= tangent_limit.DENSE
+    largest = scipy.linalg.eigh(body.stiffness().toarray(), M.toarray(), eigvals_only=True)[-1]
+    step = tangent_limit.TangentLimit(body, M).at(np.zeros(body.basis.N))
+    assert step == pytest.approx(2.0 / np.sqrt(largest), rel=1e-10)
+
+
+def test_a_density_that_is_wrong_is_named_with_its_element():
+    basis = body_on(box(2, 2), 0.9).basis
+    density = np.ones(basis.mesh.nelements)
+    density[3] = -1.0
+    with pytest.raises(ValueError, match=r"density of element 3 = -1\.0 must be"):
+        mass_matrix(basis, density=density)
+
+
 def test_the_stiffness_of_a_vertex_under_a_one_sided_rule():
     """Twice the weights of the bonds that begin at it, summed by hand; their far ends do not count."""
     body = body_on(box(2, 6, "random"), 0.35, Linear(1.0), rule=BallRule(2, 6, "vertices", symmetric=False))

@@ -34,6 +34,10 @@ def test_steps_are_cut_a_thousand_times_at_most():
     assert not HalvedSteps(dt=1.0).resume(0.3, 0.3, 1)
     assert steps.resume(1.5, 0.75, 4)
     assert (steps.time, steps.length, steps.count) == (1.5, 0.75, 4)
+    steps.advance()
+    assert (steps.time, steps.count) == (2.25, 5)
+    assert not HalvedSteps(dt=1e-6).resume(1.001e-6, 1e-6, 1)  # a thousandth of a step is no round-off
+    assert HalvedSteps(dt=1e-6).resume(1e-6 * (1 + 1e-12), 1e-6, 1)
 
 
 @pytest.mark.parametrize("kind", [State, Equilibrium])

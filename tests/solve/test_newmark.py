@@ -280,6 +280,26 @@ def test_where_the_curvature_is_negative_a_step_doubles_within_its_reach(reach, 
     assert u[0] == min(1.0, reach)  # not looked for where the curvature is not
 
 
+@pytest.mark.parametrize("beta", [1 / 12, 1 / 6, 0.25])
+def test_the_swing_of_a_linear_energy_is_half_the_lag_of_its_accelerations(beta):
+    """``(1/4 - beta)/2 dt^2 a.M a`` for gamma = 1/2: nothing for the rule that keeps the energy."""
+    body, M, limit = small(2, peri.Linear(1.0), n=4)
+    u = 1e-3 * np.random.default_rng(0).standard_normal(body.basis.N)
+    dt = 0.5 * limit.dt
+    state = next(peri.newmark(body, M, u, dt=dt, until=dt, beta=beta, gamma=0.5))
+    a = np.linalg.solve(M.toarray(), -(body.stiffness() @ u))
+    expected = 0.5 * (0.25 - beta) * dt**2 * float(a @ (M @ a))
+    assert state.initial_ripple == pytest.approx(expected, rel=1e-9, abs=1e-15 * state.initial)
+
+
+def test_the_entries_of_a_stiffness_are_counted_by_its_bonds():
+    """Two blocks a pair; the diagonal blocks of the matrix come on top of them."""
+    body = body_on(box(2, 8, "random"), 0.3, peri.Linear(1.0), rule=peri.PairRule(partial_volume=False))
+    entries = Preconditioner(body, None, np.arange(body.basis.N))._entries()
+    assert entries == 8 * body.bonds.nbonds
+    assert entries == body.stiffness().nnz - 4 * body.bonds.mesh.nvertices
+
+
 def test_a_direction_of_negative_curvature_goes_down():
     """An indefinite matrix by hand: from the first direction, and after some that are not."""
     from scipy.sparse.linalg import aslinearoperator
