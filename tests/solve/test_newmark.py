@@ -293,11 +293,12 @@ def test_the_swing_of_a_linear_energy_is_half_the_lag_of_its_accelerations(beta)
 
 
 def test_the_entries_of_a_stiffness_are_counted_by_its_bonds():
-    """Two blocks a pair; the diagonal blocks of the matrix come on top of them."""
+    """Two blocks a pair; the diagonal blocks of the matrix come on top, and bonds along an axis fill a quarter."""
     body = body_on(box(2, 8, "random"), 0.3, peri.Linear(1.0), rule=peri.PairRule(partial_volume=False))
     entries = Preconditioner(body, None, np.arange(body.basis.N))._entries()
     assert entries == 8 * body.bonds.nbonds
-    assert entries == body.stiffness().nnz - 4 * body.bonds.mesh.nvertices
+    along = sum(int((part.vectors() == 0.0).any(axis=1).sum()) for part in body.bonds.parts)
+    assert entries == body.stiffness().nnz - 4 * body.bonds.mesh.nvertices + 6 * along
 
 
 def test_a_direction_of_negative_curvature_goes_down():
