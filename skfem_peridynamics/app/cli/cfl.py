@@ -20,18 +20,19 @@ if TYPE_CHECKING:
     from ..problem.problem import Problem
 
 
+_FLAGS = ("mesh", "scale", "horizon", "young", "poisson", "density", "plane", "influence", "rule", "balanced", "mass")
+
+
 def cfl(arguments: argparse.Namespace) -> int:
     """Print the stable time step of a scene or of a mesh file; return the exit code."""
-    flags = [
-        name
-        for name in ("mesh", "horizon", "young", "poisson", "density", "plane", "influence")
-        if getattr(arguments, name) is not None
-    ]
+    flags = [name for name in _FLAGS if getattr(arguments, name) not in (None, False)]
     if arguments.scene is not None and flags:
         raise SceneError(f"--{flags[0]} is for a mesh file; with a scene, change the scene instead")
 
     def read() -> Scene:
-        scene = _scene_of_flags(arguments) if arguments.scene is None else Scene.read(arguments.scene)
+        scene = (
+            _scene_of_flags(arguments) if arguments.scene is None else Scene.read(arguments.scene, arguments.changes)
+        )
         return replace(scene, load=(), fixed=())
 
     if not arguments.mpi:
@@ -95,7 +96,9 @@ def _scene_of_flags(arguments: argparse.Namespace) -> Scene:
     missing = [f"--{name}" for name in ("mesh", "horizon", "young", "density") if getattr(arguments, name) is None]
     if missing:
         raise SceneError(f"cfl needs a scene, or a mesh file with {', '.join(missing)} as well")
-    for name in ("horizon", "young", "density"):
+    if arguments.changes:
+        raise SceneError(f"--set {arguments.changes[0]} is for a scene; with a mesh file give its flags")
+    for name in ("horizon", "young", "density", *(("scale",) if arguments.scale is not None else ())):
         if not 0.0 < getattr(arguments, name) < float("inf"):
             raise SceneError(f"--{name} {getattr(arguments, name)} must be a positive number")
     if arguments.plane is None:
@@ -105,7 +108,7 @@ def _scene_of_flags(arguments: argparse.Namespace) -> Scene:
             raise SceneError("cfl of a mesh in 2D needs --plane stress or --plane strain")
     return Scene(
         title=arguments.mesh,
-        mesh=MeshTable(file=arguments.mesh),
+        mesh=MeshTable(file=arguments.mesh, scale=arguments.scale),
         material=MaterialTable(
             density=arguments.density,
             young=arguments.young,
@@ -113,6 +116,11 @@ def _scene_of_flags(arguments: argparse.Namespace) -> Scene:
             plane=arguments.plane,
             potential="linear",
         ),
-        bonds=BondsTable(horizon=arguments.horizon, influence=arguments.influence or "constant"),
-        time=TimeTable(until=1.0),
+        bonds=BondsTable(
+            horizon=arguments.horizon,
+            influence=arguments.influence or "constant",
+            rule=arguments.rule or "pairs",
+            balanced=arguments.balanced or None,
+        ),
+        time=TimeTable(until=1.0, mass=arguments.mass),
     )

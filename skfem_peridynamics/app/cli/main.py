@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from ..._version import __version__
 from ..scene.reading import SceneError
@@ -19,7 +19,7 @@ from ..scene.shown import cut, shown
 from .streams import guarded
 
 _LONG, _MOST = re.compile(r"\S{200,}"), 2500  # characters of a word, and of a message
-_TABLES = ("check", "cfl")  # commands that are asked for what they print
+_TABLES = ("check", "cfl", "info", "schema", "completion", "examples")  # commands that are asked for what they print
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -91,52 +91,124 @@ class _Parser(argparse.ArgumentParser):
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line, with a subparser for each subcommand."""
-    parser = _Parser(prog="skfem-peridynamics", description="Nonlocal fracture on scikit-fem meshes.")
+    parser = _Parser(
+        prog="skfem-peridynamics",
+        description="Nonlocal fracture on scikit-fem meshes.",
+        epilog=_words(
+            "to begin with:",
+            "skfem-peridynamics init plate                  a commented scene, plate.toml",
+            "skfem-peridynamics check plate.toml            what it says, and what it will cost",
+            "skfem-peridynamics run plate.toml -o out --report",
+            "skfem-peridynamics init --from part.msh        a scene for a mesh of your own",
+            "skfem-peridynamics cfl --mesh part.msh --horizon 2e-3 --young 72e9 --density 2440 --plane stress",
+        ),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
-    commands = parser.add_subparsers(dest="command", required=True)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
-    run = commands.add_parser("run", help="run a scene into a folder")
-    run.add_argument("scene", type=Path)
-    run.add_argument("--out", type=_folder, required=True, metavar="DIR")
+    def command(name: str, about: str, *examples: str) -> argparse.ArgumentParser:
+        return commands.add_parser(
+            name,
+            help=about,
+            description=f"{about[0].upper()}{about[1:]}.",
+            epilog=_words("for example:", *(f"skfem-peridynamics {name} {text}" for text in examples)),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+
+    init = command("init", "write a commented scene to begin with", "plate", "--from part.msh", "static -o slow.toml")
+    init.add_argument("name", nargs="?", choices=("plate", "bar", "static", "part"), metavar="NAME", help=_STARTERS)
+    init.add_argument("--from", dest="mesh", type=Path, metavar="MESH", help="a mesh file, whose groups are filled in")
+    init.add_argument("-o", "--out", type=Path, metavar="FILE", help="the file to write; NAME.toml by default")
+
+    run = command(
+        "run", "run a scene into a folder", "plate.toml -o out --report", "plate.toml -o out --set time.until=1e-5"
+    )
+    _add_scene(run)
+    run.add_argument("-o", "--out", type=_folder, required=True, metavar="DIR", help="the folder of the results")
     run.add_argument("--estimate", action="store_true", help="run the scene again on a refined mesh: its error")
     again = run.add_mutually_exclusive_group()
     again.add_argument("--resume", action="store_true", help="go on from the last checkpoint, if there is one")
     again.add_argument("--overwrite", "--restart", action="store_true", help="start over, whatever the folder holds")
     run.add_argument("--report", action="store_true", help="write report.html: pictures, figures, how to run it again")
-    run.add_argument("--quiet", action="store_true", help="no progress, no table at the end")
+    run.add_argument("-q", "--quiet", action="store_true", help="no progress, no table at the end")
+    run.add_argument("-v", "--verbose", action="store_true", help="print the rest of summary.json as well")
     run.add_argument("--mpi", action="store_true", help="over the processes that mpiexec has started")
 
-    cfl = commands.add_parser("cfl", help="the stable time step of a scene or of a mesh file")
-    cfl.add_argument("scene", type=Path, nargs="?")
-    cfl.add_argument("--mesh", metavar="FILE")
-    cfl.add_argument("--horizon", type=float, metavar="H")
-    cfl.add_argument("--young", type=float, metavar="E")
-    cfl.add_argument("--poisson", type=float, metavar="NU", help="that of bonds alone by default")
-    cfl.add_argument("--density", type=float, metavar="R")
-    cfl.add_argument("--plane", choices=("stress", "strain"))
-    cfl.add_argument("--influence", choices=("constant", "conical", "gaussian"), default=None)
+    check = command("check", "read a scene and tell its size before anything runs", "plate.toml", "plate.toml --json")
+    _add_scene(check)
+    check.add_argument("--json", action="store_true", help="print what was found, and all mistakes, as JSON")
+    check.add_argument("--mpi", type=_count, metavar="N", help="as a run over N processes: what each has, what goes")
+
+    cfl = command("cfl", "tell the stable time step of a scene or of a mesh file", "plate.toml", _OF_MESH)
+    _add_scene(cfl, nargs="?")
+    cfl.add_argument("--mesh", metavar="FILE", help="a mesh file, in place of a scene")
+    cfl.add_argument("--scale", type=float, metavar="S", help="what lengths of the mesh file are multiplied by")
+    cfl.add_argument("--horizon", type=float, metavar="H", help="the horizon, a length of the scaled mesh")
+    cfl.add_argument("--young", type=float, metavar="E", help="Young's modulus")
+    cfl.add_argument("--poisson", type=float, metavar="NU", help="Poisson's ratio; that of bonds alone by default")
+    cfl.add_argument("--density", type=float, metavar="R", help="the density")
+    cfl.add_argument("--plane", choices=("stress", "strain"), help="of a mesh in 2D")
+    cfl.add_argument("--influence", choices=("constant", "conical", "gaussian"), help="constant by default")
+    cfl.add_argument("--rule", choices=("pairs", "gauss_pairs", "ball", "corners", "auto"), help="pairs by default")
+    cfl.add_argument("--balanced", action="store_true", help="with balanced weights")
+    cfl.add_argument("--mass", choices=("lumped", "consistent"), help="that of the rule by default")
     cfl.add_argument("--json", action="store_true", help="print the numbers as JSON")
     cfl.add_argument("--mpi", action="store_true", help="over the processes that mpiexec has started")
 
-    study = commands.add_parser("study", help="error against run time: a study by its name, all of them, or of a scene")
+    info = command(
+        "info", "tell what a mesh file has: sizes, groups, quality, a horizon", "part.msh", "part.msh --scale 1e-3"
+    )
+    info.add_argument("mesh", type=Path, metavar="MESH", help="whatever meshio reads")
+    info.add_argument("--scale", type=float, metavar="S", help="what lengths are multiplied by")
+    info.add_argument("--json", action="store_true", help="print the numbers as JSON")
+
+    plot = command("plot", "draw the pictures of a run again, from its files", "out", "out --animate")
+    plot.add_argument("folder", type=Path, metavar="DIR", help="the folder of a run")
+    plot.add_argument("--animate", action="store_true", help="an animation as well, animation.gif")
+
+    study = command(
+        "study",
+        "measure error against run time: a study by its name, all of them, or of a scene",
+        "--list",
+        "smooth-2d --quick -o out",
+        "plate.toml -o out",
+    )
     study.add_argument("what", nargs="?", metavar="NAME_OR_SCENE", help='a name of --list, "all", or a scene file')
-    study.add_argument("--out", type=_folder, metavar="DIR")
+    study.add_argument("-o", "--out", type=_folder, metavar="DIR", help="the folder of tables and pictures")
     study.add_argument("--quick", action="store_true", help="fewer sizes")
     study.add_argument("--resume", action="store_true", help="go on where an earlier run of this command was stopped")
     study.add_argument("--list", action="store_true", help="name the studies, one a line")
-    study.add_argument("--quiet", action="store_true", help="no line a run")
+    study.add_argument("-q", "--quiet", action="store_true", help="no line a run")
 
-    stability = commands.add_parser("stability", help="stiff and extreme cases, each judged by numbers")
-    stability.add_argument("--out", type=_folder, required=True, metavar="DIR")
+    stability = command("stability", "judge stiff and extreme cases, each by numbers", "--quick -o out")
+    stability.add_argument("-o", "--out", type=_folder, required=True, metavar="DIR", help="the folder of the verdicts")
     stability.add_argument("--quick", action="store_true", help="fewer and smaller cases: half a minute")
     stability.add_argument("--only", nargs="+", metavar="CASE", default=None, help="some of the cases, by name")
-    stability.add_argument("--quiet", action="store_true", help="no line a verdict")
+    stability.add_argument("-q", "--quiet", action="store_true", help="no line a verdict")
 
-    plot = commands.add_parser("plot", help="draw the pictures of a run again, from its files")
-    plot.add_argument("folder", type=Path, metavar="DIR")
-    plot.add_argument("--animate", action="store_true", help="an animation as well, animation.gif")
+    examples = command("examples", "list the examples, or copy them into a folder", "", "my-examples")
+    examples.add_argument("folder", type=Path, nargs="?", metavar="FOLDER", help="where to copy them")
 
-    check = commands.add_parser("check", help="read a scene and tell its size before anything runs")
-    check.add_argument("scene", type=Path)
-    check.add_argument("--mpi", type=_count, metavar="N", help="as a run over N processes: what each has, what goes")
+    schema = command("schema", "print the JSON Schema of scenes, for editors", "-o scene.schema.json")
+    schema.add_argument("-o", "--out", type=Path, metavar="FILE", help="the file to write")
+
+    completion = command(
+        "completion", "print what a shell completes the command with", "bash > ~/.skfem-peridynamics.bash"
+    )
+    completion.add_argument("shell", choices=("bash", "zsh", "tcsh"), help="the shell")
     return parser
+
+
+_OF_MESH = "--mesh part.msh --horizon 2e-3 --young 72e9 --density 2440 --plane stress"
+_STARTERS = "plate (a running crack), bar (waves in 1D), static (pulled slowly), part (a mesh of your own)"
+
+
+def _words(*lines: str) -> str:
+    return "\n  ".join(lines)
+
+
+def _add_scene(parser: argparse.ArgumentParser, **options: Any) -> None:
+    parser.add_argument("scene", type=Path, help="a scene, a TOML file", metavar="SCENE", **options)
+    about = "set a key of the scene anew, as in time.until=1e-5; may be given again"
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="changes", help=about)

@@ -27,13 +27,13 @@ def run(arguments: argparse.Namespace) -> int:
         from ..ranks.run import first, run_over_ranks
 
         speaks = first()
-        summary = run_over_ranks(arguments.scene, arguments.out, progress, **options)
+        summary = run_over_ranks(arguments.scene, arguments.out, progress, changes=arguments.changes, **options)
         if not speaks:
             return 0
     else:
         from ..run.run import run as run_scene
 
-        scene = Scene.read(arguments.scene)
+        scene = Scene.read(arguments.scene, arguments.changes)
         if not arguments.quiet:
             print(f"{scene.title}: setting up", flush=True)
         summary = run_scene(scene, arguments.out, progress, with_estimate=arguments.estimate, **options)
@@ -56,9 +56,24 @@ def run(arguments: argparse.Namespace) -> int:
                 ("per step", f"{1e3 * seconds.get('steps', 0.0) / max(1, summary['steps']):.2f} ms"),
                 ("memory", f"{summary['peak_memory_mb']:.0f} MB"),
                 ("written to", f"{arguments.out}" + (", report.html" if arguments.report else "")),
+                *(_rest(summary) if arguments.verbose else ()),
             ]
         )
     return 0
+
+
+def _rest(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """Plain numbers and texts of the summary under their names there; tables with a name a line."""
+    rows = []
+    for name, value in summary.items():
+        if name == "seconds" or isinstance(value, list):
+            continue
+        entries = value.items() if isinstance(value, dict) else [(None, value)]
+        for part, entry in entries:
+            if not isinstance(entry, dict | list):
+                shown = f"{entry:.6g}" if isinstance(entry, float) else str(entry)
+                rows.append((name if part is None else f"{name}.{part}", shown))
+    return rows
 
 
 def _headline(out: Path, summary: dict[str, Any]) -> str:

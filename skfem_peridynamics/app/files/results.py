@@ -17,9 +17,10 @@ import numpy as np
 
 from ..._files import MB, read_regular
 from ..._types import Floats, Mesh
-from ..scene.reading import LARGEST, SceneError
+from ..scene.reading import SceneError
 from ..scene.shown import MOST_OF_A_NAME, cut, named, shown
 from ..scene.units import UnitsTable
+from ..scene.values import LARGEST
 
 # bytes: rows and frames of a scene have bounds, which are far below
 SUMMARY_MOST, HISTORY_MOST, LIST_MOST = 8 * MB, 512 * MB, 16 * MB

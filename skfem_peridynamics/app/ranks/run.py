@@ -6,7 +6,7 @@ import contextlib
 import signal
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -34,7 +34,9 @@ def first() -> bool:
         raise SceneError(str(error)) from None
 
 
-def run_over_ranks(path: Path, out: Path, progress: Progress | None = None, **options: Any) -> dict[str, Any]:
+def run_over_ranks(
+    path: Path, out: Path, progress: Progress | None = None, *, changes: Sequence[str] = (), **options: Any
+) -> dict[str, Any]:
     """Run a scene over all ranks into a folder; return the summary, on the first rank, and nothing on the others.
 
     ``options`` are those of :func:`run`, but for the estimate. A rank that fails ends all of them.
@@ -43,7 +45,7 @@ def run_over_ranks(path: Path, out: Path, progress: Progress | None = None, **op
     def lead(scene: Scene, problem: LeadingProblem) -> dict[str, Any]:
         return run(scene, out, progress, problem=problem, **options)
 
-    return over_ranks(lambda: Scene.read(path), lead) or {}
+    return over_ranks(lambda: Scene.read(path, changes), lead) or {}
 
 
 def over_ranks(read: Callable[[], Scene], lead: Callable[[Scene, LeadingProblem], Made]) -> Made | None:

@@ -13,7 +13,7 @@ from ...solve.state import Equilibrium
 from ..files.checkpoint import Checkpoint
 from ..problem.measures import measures
 from ..problem.problem import Problem
-from ..scene.reading import LARGEST
+from ..scene.values import LARGEST
 from .record import columns
 
 _ROOM = 1e-6  # of the end of a run and of its step: they are what the same arithmetic gives

@@ -12,10 +12,12 @@ from ...bonds.pair_rule import PairRule
 from ...bonds.rule import Rule
 from ...material.tension_only import COMPRESSION
 from .formula import Formula, FormulaError
-from .reading import SceneError, choice, count, counts, flag, key, number, positive, rows, text
+from .reading import SceneError, key
 from .shown import shown
+from .values import choice, count, counts, flag, number, positive, rows, takes, text
 
 
+@takes(type=["number", "string"])
 def formula(value: Any, path: str) -> Formula:
     """A number or a text such as ``"1e6 * step(1e-5 - t)"``."""
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
@@ -26,6 +28,7 @@ def formula(value: Any, path: str) -> Formula:
         raise SceneError(f"{path}: {error}") from None
 
 
+@takes(type="array", items={"type": ["number", "string"]}, minItems=1)
 def formulas(value: Any, path: str) -> tuple[Formula, ...]:
     """One formula per component."""
     if not isinstance(value, list) or not value:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
@@ -13,25 +13,12 @@ from typing import Any, ClassVar
 from ..._files import MB, read_regular
 from ...solve.cfl import SAFETY
 from .body_tables import BondsTable, CrackTable, InclusionTable, MaterialTable, MeshTable, formula, formulas
+from .changes import changed
 from .formula import Formula
-from .reading import (
-    Every,
-    SceneError,
-    choice,
-    choices,
-    count,
-    count_up_to,
-    flag,
-    interval,
-    key,
-    numbers,
-    positive,
-    table,
-    tables,
-    text,
-)
+from .reading import SceneError, key, table, tables
 from .shown import cut, named, shown
 from .units import UnitsTable
+from .values import Every, choice, choices, count, count_up_to, flag, interval, numbers, positive, text
 
 _LARGEST = MB  # bytes of a scene
 # a dotted key of many parts, which takes memory with their square
@@ -275,7 +262,7 @@ class Scene:
     folder: Path = Path()  # not a key: where the scene was read from
 
     @classmethod
-    def parse(cls, content: str, folder: Path = Path()) -> Scene:
+    def parse(cls, content: str, folder: Path = Path(), changes: Sequence[str] = ()) -> Scene:
         """Read TOML text.
 
         Parameters
@@ -284,6 +271,8 @@ class Scene:
             The text.
         folder : Path, optional
             Where a mesh file is looked for.
+        changes : sequence of str, optional
+            Keys that are set anew, as in ``"time.until=1e-5"``.
 
         Returns
         -------
@@ -306,7 +295,7 @@ class Scene:
             raise SceneError("not TOML that can be read: it is nested too deeply") from None
         except ValueError as error:  # an integer of thousands of digits
             raise SceneError(f"not TOML that can be read: {error}") from None
-        return cls.of(tables, folder)
+        return cls.of(changed(tables, changes) if changes else tables, folder)
 
     @classmethod
     def of(cls, tables: Mapping[str, Any], folder: Path = Path()) -> Scene:
@@ -332,13 +321,15 @@ class Scene:
         return dataclasses.replace(table(cls)(tables, ""), folder=folder)
 
     @classmethod
-    def read(cls, path: str | Path) -> Scene:
+    def read(cls, path: str | Path, changes: Sequence[str] = ()) -> Scene:
         """Read a TOML file.
 
         Parameters
         ----------
         path : str or Path
             The file.
+        changes : sequence of str, optional
+            Keys that are set anew, as in ``"time.until=1e-5"``.
 
         Returns
         -------
@@ -360,6 +351,6 @@ class Scene:
         except ValueError as error:  # a name that is none to the system
             raise SceneError(f"scene {named(path)} cannot be read: {error}") from None
         try:
-            return cls.parse(content, path.parent)
+            return cls.parse(content, path.parent, changes)
         except SceneError as error:
-            raise SceneError(f"{cut(str(path))}: {error}") from None
+            raise SceneError(f"{cut(str(path))}: {error}", error.mistakes) from None

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-from .reading import key, text
+from .reading import key
+from .values import text
 
 # quantities as powers of length, force and time
 _POWERS = {
