@@ -227,7 +227,7 @@ def test_progress_on_a_pipe(tmp_path, capsys):
     assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]) == 0
     told = capsys.readouterr().out
     assert "small: setting up" in told
-    for word in ("steps/s", "s left", "energy", "largest Z", "energy drift", "per step", "MB"):
+    for word in ("steps/s", "s left", "energy", "of critical", "energy drift", "per step", "MB"):
         assert word in told
 
 

@@ -14,9 +14,9 @@ from .table import print_table
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a scene into a folder and print what came out; return the exit code."""
-    from ..run.progress import Line, Silent
+    from ..run.progress import Silent, shown
 
-    progress, begin = Silent() if arguments.quiet else Line(), time.perf_counter()
+    progress, begin = Silent() if arguments.quiet else shown(), time.perf_counter()
     options = {
         "resume": True if arguments.resume else False if arguments.overwrite else None,
         "with_report": arguments.report,

@@ -10,8 +10,6 @@ import sys
 from collections.abc import Iterator
 from typing import TextIO
 
-REWRITE = "\r\x1b[K"  # to the beginning of the line, which is emptied
-
 
 class Stream(io.TextIOBase):
     r"""Write to a stream as long as it takes anything; ``lost`` is why it took no more.
@@ -31,8 +29,8 @@ class Stream(io.TextIOBase):
         self.lost: OSError | None = None if stream is not None else OSError(errno.EBADF, "it is closed")
 
     def write(self, text: str) -> int:
-        """Write a text, harmless. Only :data:`REWRITE`, alone, is what it is."""
-        shown = text if text == REWRITE else harmless(text)
+        """Write a text, harmless."""
+        shown = harmless(text)
         if self.stream is not None and self.lost is None:
             try:
                 try:

@@ -39,7 +39,7 @@ class MeshInfo:
         >>> import skfem
         >>> info = MeshInfo.of(skfem.MeshTri().refined(2))
         >>> info.nvertices, info.edges[0], info.horizon
-        (25, 0.25, 1.1)
+        (25, 0.25, 1.0)
         """
         dim, length = int(mesh.dim()), _edges(mesh)
         boundaries, subdomains = dict(mesh.boundaries or {}), dict(mesh.subdomains or {})

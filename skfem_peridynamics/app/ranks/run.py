@@ -35,7 +35,7 @@ def first() -> bool:
 
 
 def run_over_ranks(
-    path: Path, out: Path, progress: Progress | None = None, *, changes: Sequence[str] = (), **options: Any
+    path: Path, out: Path, progress: Progress | bool | None = None, *, changes: Sequence[str] = (), **options: Any
 ) -> dict[str, Any]:
     """Run a scene over all ranks into a folder; return the summary, on the first rank, and nothing on the others.
 

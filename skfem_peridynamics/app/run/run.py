@@ -32,7 +32,7 @@ from ..scene.reading import Mistakes, SceneError
 from ..scene.scene import Scene
 from ..scene.shown import named
 from .logged import logged_warnings
-from .progress import Progress, Silent
+from .progress import Progress, Silent, shown
 from .record import Record
 from .resume import earlier_run, restore
 from .signals import Signals
@@ -45,7 +45,7 @@ _CHECKED = 100  # steps between two checks of the energy balance
 def run(
     scene: Scene,
     out: str | Path,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     *,
     with_estimate: bool = False,
     resume: bool | None = None,
@@ -70,8 +70,8 @@ def run(
         What to run.
     out : str or Path
         The folder.
-    progress : Progress, optional
-        Hears of each step; silent by default.
+    progress : Progress or bool, optional
+        Hears of each step; silent by default, True shows a bar.
     with_estimate : bool, optional
         Run the scene again on a refined mesh: its error.
     resume : bool, optional
@@ -113,7 +113,7 @@ def run(
     """
     out = Path(out)
     check_name(out)
-    progress = progress or Silent()
+    progress = shown() if progress is True else progress or Silent()
     with contextlib.ExitStack() as stack:
         signals = stack.enter_context(Signals())
         existed = out.is_dir()
@@ -253,7 +253,8 @@ def _prepare(problem: Problem, earlier: Checkpoint | None, clock: Clock, watch: 
 
 def _step(prepared: _Prepared, record: Record, signals: Signals, clock: Clock, progress: Progress) -> None:
     """Step to the end; a run that is asked to stop, or must, leaves a checkpoint."""
-    progress.begin(record.problem.scene.title, prepared.steps)
+    scene = record.problem.scene
+    progress.begin(scene.title, prepared.steps, scene.units.after("energy", int(record.problem.mesh.dim())))
     signals.patient = True
     try:
         with clock.phase("steps"):
