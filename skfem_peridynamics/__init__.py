@@ -41,7 +41,11 @@ from .solve.static import static
 
 if TYPE_CHECKING:
     from .app.files.frames import Frames
+    from .app.report.plot import plot
+    from .app.report.view import view
+    from .app.run.finished import FinishedRun
     from .app.run.run import run
+    from .app.run.sweep import sweep
     from .app.scene.scene import Scene
 
 __all__ = [
@@ -59,6 +63,7 @@ __all__ = [
     "Energies",
     "Equilibrium",
     "Exponential",
+    "FinishedRun",
     "Frames",
     "Influence",
     "Linear",
@@ -95,6 +100,7 @@ __all__ = [
     "mass_matrix",
     "newmark",
     "own_potential",
+    "plot",
     "project",
     "region",
     "run",
@@ -104,14 +110,20 @@ __all__ = [
     "static",
     "strain",
     "stress",
+    "sweep",
     "traction",
+    "view",
 ]
 
 _LATER = {
     "Frames": "app.files.frames",
     "Scene": "app.scene.scene",
+    "FinishedRun": "app.run.finished",
     "distributed": "ranks.distributed",
+    "plot": "app.report.plot",
     "run": "app.run.run",
+    "sweep": "app.run.sweep",
+    "view": "app.report.view",
 }
 
 

@@ -6,6 +6,7 @@ import dataclasses
 import logging
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from .._types import Floats, Ints
 from .._vectors import real_vector
 from ..geometry.simplices import vertex_sizes
+from ..material.influence import Influence
 from .bond_list import BondList
 from .corner_rule import CornerRule
 from .forms import Functions, Sides, field_class
@@ -20,6 +22,7 @@ from .pair_rule import PairRule
 
 _log = logging.getLogger("skfem_peridynamics")
 _OF_SPACE = ("get_dofs", "complement_dofs", "zeros", "ones", "project", "doflocs", "probes", "elem", "nodal_dofs")
+_DRAWN = 20_000  # elements of a mesh that is drawn in a notebook
 _REFUSED = {
     "with_element": "their ends are read by P1 values; make a BondBasis over another basis of P1 elements",
     "quadrature": "their points are those of the rule; give BondBasis another rule",
@@ -70,6 +73,21 @@ class BondBasis(BondList):
     >>> dot.assemble(bonds).shape
     (9, 9)
     """
+
+    def __repr__(self) -> str:
+        made = "bonds not made yet"
+        if "parts" in self.__dict__:
+            made = f"{self.nbonds:,} bonds, {self.nbonds / self.mesh.nvertices:.0f} a vertex"
+        per = self.horizon / float(np.median(vertex_sizes(self.mesh)))
+        balanced = ", balanced" if self.balance is not None else ""
+        assert isinstance(self.influence, Influence)
+        return f"BondBasis: {made}, horizon/h {per:.1f}, {self.rule.name}{balanced}, J {self.influence.name}"
+
+    def _repr_html_(self) -> str:
+        """What notebooks show: the same, with scikit-fem's picture of the mesh."""
+        draw = getattr(self.mesh, "_repr_svg_", None)
+        picture = draw() if draw is not None and self.mesh.nelements <= _DRAWN else ""
+        return f"<p>{escape(repr(self))}</p>{picture}"
 
     def with_(self, **changes: Any) -> BondBasis:
         """Return a copy with another horizon, influence, rule or boundary function, and the rule's own weights.

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -109,6 +110,23 @@ class Peridynamics:
                 f"rule = {self.bonds.rule.name}: a Poisson ratio other than that of bonds alone needs a symmetric "
                 "rule, whose force is the gradient of an energy"
             )
+
+    def __repr__(self) -> str:
+        held = "" if self.no_fail is None else f", {np.size(self.no_fail)} no-fail vertices"
+        return f"Peridynamics: {self._named_material()}{held}; {self.bonds!r}"
+
+    def _repr_html_(self) -> str:
+        """What notebooks show: the same, with a picture of the mesh."""
+        return f"<p>Peridynamics: {escape(self._named_material())}</p>{self.bonds._repr_html_()}"
+
+    def _named_material(self) -> str:
+        if isinstance(self.material, Material):
+            known = {name: getattr(self.material, name) for name in ("young", "lame", "toughness", "density")}
+            constants = ", ".join(f"{name} {value:g}" for name, value in known.items() if value is not None)
+            return f"{self.material.potential} law, {constants}"
+        if isinstance(self.material, Composite):
+            return f"materials matrix, {', '.join(self.material.inclusions)}"
+        return f"{type(self.material).__name__} law"
 
     def with_(self, **changes: Any) -> Peridynamics:
         """Return a copy with other bonds, another material, no-fail vertices or threads.

@@ -83,6 +83,10 @@ class State:
     dissipated: float = 0.0
     broken: tuple[Longs, ...] | None = field(repr=False, default=None)
 
+    def __repr__(self) -> str:
+        u, v = (float(np.abs(x).max(initial=0.0)) for x in (self.u, self.v))
+        return f"State: t = {self.t:g}, step {self.step} of {self.dt:g}, |u| up to {u:.3g}, |v| up to {v:.3g}"
+
     @property
     def kinetic(self) -> float:
         """``v.M v / 2``"""
@@ -168,6 +172,10 @@ class Equilibrium:
     memory: SolverMemory | None = field(repr=False, default=None)
     dissipated: float = 0.0
     broken: tuple[Longs, ...] | None = field(repr=False, default=None)
+
+    def __repr__(self) -> str:
+        u = float(np.abs(self.u).max(initial=0.0))
+        return f"Equilibrium: t = {self.t:g}, step {self.step} of {self.dt:g}, |u| up to {u:.3g}"
 
     @cached_property
     def elastic(self) -> float:

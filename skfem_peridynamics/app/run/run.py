@@ -31,6 +31,7 @@ from ..scene.formula import FormulaError
 from ..scene.reading import Mistakes, SceneError
 from ..scene.scene import Scene
 from ..scene.shown import named
+from .finished import FinishedRun
 from .logged import logged_warnings
 from .progress import Progress, Silent, shown
 from .record import Record
@@ -51,7 +52,7 @@ def run(
     resume: bool | None = None,
     with_report: bool = False,
     problem: Problem | None = None,
-) -> dict[str, Any]:
+) -> FinishedRun:
     """Run a scene, write its files into a folder and return the summary.
 
     Everything the scene says is checked before the folder is made. The files: ``frame_*.vtu`` and ``frames.pvd``,
@@ -83,8 +84,9 @@ def run(
 
     Returns
     -------
-    dict
-        What ``summary.json`` holds: seconds by phase, energy drift, and what came out.
+    FinishedRun
+        A dict of what ``summary.json`` holds: seconds by phase, energy drift, and what came out; with ``history``,
+        ``frames``, ``plot()`` and ``report()``.
 
     Raises
     ------
@@ -135,7 +137,7 @@ def run(
                 write_summary(out / "summary.json", earlier)
             if with_report:
                 write_report(out, None)
-            return earlier
+            return FinishedRun(out, earlier)
         if earlier is not None:
             problem = restore(earlier, problem, clock, watch)
         prepared = _prepare(problem, earlier, clock, watch)
@@ -190,7 +192,7 @@ def run(
             raise
         if with_report:
             write_report(out, _snapshot(record))
-        return summary | {"notes": notes, "run": run_identity}
+        return FinishedRun(out, summary | {"notes": notes, "run": run_identity})
 
 
 @dataclass(frozen=True, eq=False)

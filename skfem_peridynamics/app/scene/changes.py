@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 from .reading import SceneError
 from .shown import cut, shown
@@ -13,8 +13,12 @@ from .shown import cut, shown
 _PART = re.compile(r"(\w+)((?:\[\d{1,4}\])*)", re.ASCII)
 
 
-def changed(tables: Mapping[str, Any], changes: Sequence[str]) -> dict[str, Any]:
-    """Return the tables of a scene with some keys set anew, each ``path=value``; a value is TOML, or else a text.
+Change: TypeAlias = str | tuple[str, Any]
+
+
+def changed(tables: Mapping[str, Any], changes: Sequence[Change]) -> dict[str, Any]:
+    """Return the tables of a scene with some keys set anew: each ``path=value``, whose value is TOML or else a text,
+    or a path with a value.
 
     Tables that are not there are made; entries of arrays are ``load[0].layer``. Raises :class:`SceneError`.
 
@@ -23,10 +27,8 @@ def changed(tables: Mapping[str, Any], changes: Sequence[str]) -> dict[str, Any]
     """
     out: dict[str, Any] = _copied(tables)
     for change in changes:
-        path, equals, text = change.partition("=")
-        if not equals or not path.strip():
-            raise SceneError(f"--set {shown(change)} must be KEY=VALUE, as in time.until=1e-5")
-        *above, last = _steps(path.strip(), change)
+        path, value, change = _parted(change)
+        *above, last = _steps(path, change)
         place: Any = out
         for step in above:
             place = _below(place, step, change)
@@ -34,8 +36,18 @@ def changed(tables: Mapping[str, Any], changes: Sequence[str]) -> dict[str, Any]
             _below(place, last, change)
         elif not isinstance(place, dict):
             raise SceneError(f"--set {shown(change)}: {cut(str(last))} is not a key of a table")
-        place[last] = _value(text.strip())
+        place[last] = value
     return out
+
+
+def _parted(change: Change) -> tuple[str, Any, str]:
+    """The path, the value, and the text of a change."""
+    if isinstance(change, tuple):
+        return change[0], _copied(change[1]), f"{change[0]}={change[1]!r}"
+    path, equals, text = change.partition("=")
+    if not equals or not path.strip():
+        raise SceneError(f"--set {shown(change)} must be KEY=VALUE, as in time.until=1e-5")
+    return path.strip(), _value(text.strip()), change
 
 
 def _copied(value: Any) -> Any:

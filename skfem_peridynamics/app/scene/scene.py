@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 from ..._files import MB, read_regular
 from ...solve.cfl import SAFETY
 from .body_tables import BondsTable, CrackTable, InclusionTable, MaterialTable, MeshTable, formula, formulas
-from .changes import changed
+from .changes import Change, changed
 from .formula import Formula
 from .reading import SceneError, key, table, tables
 from .shown import cut, named, shown
@@ -262,7 +262,7 @@ class Scene:
     folder: Path = Path()  # not a key: where the scene was read from
 
     @classmethod
-    def parse(cls, content: str, folder: Path = Path(), changes: Sequence[str] = ()) -> Scene:
+    def parse(cls, content: str, folder: Path = Path(), changes: Sequence[Change] = ()) -> Scene:
         """Read TOML text.
 
         Parameters
@@ -271,8 +271,8 @@ class Scene:
             The text.
         folder : Path, optional
             Where a mesh file is looked for.
-        changes : sequence of str, optional
-            Keys that are set anew, as in ``"time.until=1e-5"``.
+        changes : sequence, optional
+            Keys that are set anew, as in ``"time.until=1e-5"`` or ``("time.until", 1e-5)``.
 
         Returns
         -------
@@ -321,15 +321,15 @@ class Scene:
         return dataclasses.replace(table(cls)(tables, ""), folder=folder)
 
     @classmethod
-    def read(cls, path: str | Path, changes: Sequence[str] = ()) -> Scene:
+    def read(cls, path: str | Path, changes: Sequence[Change] = ()) -> Scene:
         """Read a TOML file.
 
         Parameters
         ----------
         path : str or Path
             The file.
-        changes : sequence of str, optional
-            Keys that are set anew, as in ``"time.until=1e-5"``.
+        changes : sequence, optional
+            Keys that are set anew, as in ``"time.until=1e-5"`` or ``("time.until", 1e-5)``.
 
         Returns
         -------
