@@ -269,7 +269,7 @@ class Potential:
 
     @cached_property
     def suprema(self) -> tuple[float, float, float, float]:
-        """``C1..C4``, the suprema of ``|F1'| .. |F1''''|`` (paper, before eq. 2.20), found numerically."""
+        """The suprema ``C1..C4`` of the first four derivatives of F1 (paper, before eq. 2.20), found numerically."""
         from scipy.interpolate import make_interp_spline
 
         # in units of the scale: knots of 1e-7 would leave a spline of degree 7 no digits

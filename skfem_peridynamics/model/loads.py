@@ -57,7 +57,7 @@ def body_force(basis: Basis, field: Field) -> Floats:
 
 
 def traction(basis: Basis, facets: Any, field: Field) -> Floats:
-    """Return ``int t . phi_i ds`` of a force per area over a set of boundary facets.
+    """Return the load vector of a force per area t over boundary facets, ``int t.phi_i ds``.
 
     Parameters
     ----------

@@ -1,12 +1,14 @@
 """Commands that the documents name: files are there, tests have the names, options and subcommands are known."""
 
 import ast
+import importlib
 import re
 import shlex
 from pathlib import Path
 
 import pytest
 
+import skfem_peridynamics as peri
 from skfem_peridynamics.app.cli.main import make_parser
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -65,3 +67,56 @@ def test_a_command_of_the_documents_is_there(document, span):
         known = subcommands[words[1]].format_help()
         for word in words[2:]:
             assert not word.startswith("--") or word in known, f"{document}: {span}: there is no {word}"
+
+
+def blocks_of_python():
+    for path in DOCUMENTS:
+        for k, block in enumerate(re.findall(r"^```python\n(.*?)^```", path.read_text(), re.S | re.M)):
+            yield path.relative_to(ROOT).as_posix(), k, block
+
+
+BLOCKS = list(blocks_of_python())
+
+
+@pytest.mark.parametrize(
+    ("document", "block"), [(name, block) for name, _, block in BLOCKS], ids=lambda text: text[:30]
+)
+def test_the_code_of_the_documents_is_that_of_the_package(document, block):
+    """It is Python, and every public name and method that it calls is there."""
+    tree = ast.parse(block)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "peri":
+            assert hasattr(peri, node.attr), f"{document}: there is no peri.{node.attr}"
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("skfem_peridynamics"):
+            module = importlib.import_module(node.module)
+            assert all(hasattr(module, name.name) for name in node.names), f"{document}: {node.module}"
+
+
+def test_the_first_form_prints_what_its_page_says(capsys):
+    page = "docs/start/first_form.md"
+    names = {}
+    for document, _, block in BLOCKS:
+        if document == page:
+            exec(compile(block, page, "exec"), names)
+    said = capsys.readouterr().out
+    told = re.search(r"^prints `(.*)`", (ROOT / page).read_text(), re.M)[1]
+    assert said.splitlines()[0] == told
+    assert "Peridynamics: Exponential law; BondBasis: " in said
+
+
+def test_every_public_name_is_in_the_reference():
+    listed = re.findall(r"^   (\w+)$", (ROOT / "docs/api/index.rst").read_text(), re.M)
+    assert sorted(listed) == sorted([*(set(peri.__all__) - {"__version__"}), "distributed"])
+
+
+def test_every_page_is_reached_from_the_front():
+    """By a table of contents of the front page, or of the reference; benchmarks and tables of studies are not pages."""
+    front = (ROOT / "docs/index.md").read_text()
+    entries = set(re.findall(r"^([\w/]+)$", front, re.M))
+    pages = {
+        path.relative_to(ROOT / "docs").with_suffix("").as_posix()
+        for path in (ROOT / "docs").rglob("*.md")
+        if not {"study", "learn", "made"} & set(path.relative_to(ROOT / "docs").parts)
+    }
+    assert pages - {"index"} <= entries
+    assert {entry for entry in entries if not entry.startswith(("learn", "api"))} <= pages
