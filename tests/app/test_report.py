@@ -1,6 +1,7 @@
 """What a run measures, its report and its pictures: columns, figures, one page that opens offline, drawn from files."""
 
 import base64
+import dataclasses
 import io
 import itertools
 import json
@@ -16,16 +17,23 @@ from xml.etree import ElementTree
 import meshio
 import numpy as np
 import pytest
+import skfem
 from scipy.integrate import trapezoid
 
 from skfem_peridynamics import Scene, run
 from skfem_peridynamics.app.cli.main import main
 from skfem_peridynamics.app.files.identity import as_tables
-from skfem_peridynamics.app.files.results import Results
+from skfem_peridynamics.app.files.results import Results, Snapshot
+from skfem_peridynamics.app.problem.domain import cracked_mesh
+from skfem_peridynamics.app.problem.starters import starter
+from skfem_peridynamics.app.report.deformed_pictures import deformation_scale, moved
 from skfem_peridynamics.app.report.figure import new_figure, save
 from skfem_peridynamics.app.report.run_page import page
+from skfem_peridynamics.app.report.run_pictures import draw
+from skfem_peridynamics.app.report.setup_picture import plot_setup
 from skfem_peridynamics.app.scene.reading import SceneError
 from skfem_peridynamics.app.scene.toml_text import to_toml
+from skfem_peridynamics.app.scene.units import UnitsTable
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TORN = """
@@ -68,7 +76,7 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         self.tags.append((tag, dict(attrs)))
-        if tag not in ("img", "meta"):
+        if tag not in ("img", "meta", "source"):
             self.open.append(tag)
 
     def handle_endtag(self, tag):
@@ -329,7 +337,10 @@ def check_page(content):
 def test_a_report_is_one_page(torn):
     out, summary = torn
     found, pictures = check_page((out / "report.html").read_text())
-    assert len(pictures) == 5
+    assert len(pictures) == 7
+    phones = [dict(attrs) for tag, attrs in found.tags if tag == "source"]
+    assert len(phones) == 7
+    assert not {one["srcset"] for one in phones} & {one["src"] for one in pictures}
     text = " ".join(found.text.split())
     for said in (
         "Torn <strip> & more",
@@ -431,9 +442,8 @@ def test_plot_draws_from_the_files(torn, tmp_path, capsys):
     for name in ("damage.png", "energies.png", "crack.png", "measures.png", "report.html"):
         (out / name).unlink()
     assert main(["plot", str(out), "--animate"]) == 0
-    assert "damage.png, course.png, energies.png, crack.png, measures.png, animation.gif, report.html" in (
-        capsys.readouterr().out
-    )
+    said = capsys.readouterr().out
+    assert "damage.png, deformed.png, stress.png, course.png, energies.png, crack.png, measures.png, anim" in said
     assert {name: (out / name).read_bytes() for name in before} == before  # the same numbers, the same pictures
     from PIL import Image
 
@@ -444,7 +454,7 @@ def test_plot_draws_from_the_files(torn, tmp_path, capsys):
 
 
 def test_an_animation_that_fails_leaves_nothing(torn, tmp_path, monkeypatch):
-    from skfem_peridynamics.app.report import body_pictures
+    from skfem_peridynamics.app.report import deformed_pictures
     from skfem_peridynamics.app.report.run_pictures import draw_animation
 
     out = tmp_path / "copy"
@@ -452,12 +462,15 @@ def test_an_animation_that_fails_leaves_nothing(torn, tmp_path, monkeypatch):
     before = sorted(path.name for path in out.iterdir())
     calls = []
 
-    def draw(axes, body):
+    whole = deformed_pictures.colours
+
+    def draw(axes, body, *more, **options):
         calls.append(body)
         if len(calls) == 3:
             raise MemoryError
+        return whole(axes, body, *more, **options)
 
-    monkeypatch.setattr(body_pictures, "_map", draw)
+    monkeypatch.setattr(deformed_pictures, "colours", draw)
     with pytest.raises(MemoryError):
         draw_animation(Results.read(out))
     assert sorted(path.name for path in out.iterdir()) == before
@@ -587,7 +600,7 @@ def test_a_browser_shows_it(torn, tmp_path, width):
     title = re.search(r"<title>(.*?)</title>", found)[1]
     assert title.startswith("PROBE "), title
     seen = json.loads(title.removeprefix("PROBE ").replace("&quot;", '"'))
-    assert seen == {"missing": 0, "images": 5, "overflow": 0, "width": width, "small": 0, "broad": 0}
+    assert seen == {"missing": 0, "images": 7, "overflow": 0, "width": width, "small": 0, "broad": 0}
 
 
 # ---- the whole way
@@ -603,7 +616,7 @@ def test_from_a_mesh_to_a_report_by_one_command(tmp_path, capsys):
     assert main(["run", str(tmp_path / "notched_part.toml"), "--out", str(out), "--report"]) == 0
     assert "report.html" in capsys.readouterr().out
     _, pictures = check_page((out / "report.html").read_text())
-    assert len(pictures) == 5
+    assert len(pictures) == 7
     history = Results.read(out).history
     began = int(np.flatnonzero(history["crack_reach"] > 0.0)[0])
     # the crack starts when J reaches G_c = 300, at a row of the history or the next, and then turns
@@ -613,7 +626,7 @@ def test_from_a_mesh_to_a_report_by_one_command(tmp_path, capsys):
     assert history["reaction_bottom_y"].min() < 0.0
     summary = Results.read(out).summary
     assert 0.2 < summary["largest_tip_speed"] / summary["elastic"]["rayleigh_speed"] < 1.0
-    assert os.path.getsize(out / "report.html") < 3_000_000
+    assert os.path.getsize(out / "report.html") < 4_000_000
     assert io.BytesIO(base64.b64decode(pictures[0]["src"].partition("base64,")[2])).getbuffer().nbytes > 20_000
 
 
@@ -681,3 +694,108 @@ def test_logarithmic_axes_are_numbered_without_mathematics(tmp_path):
     assert "0.01" in labels
     assert sum(bool(text) for text in labels) > 8
     assert not any("$" in text or "math" in text for text in labels)
+
+
+# ---- how pictures are read
+def texts_of(monkeypatch, draw):
+    """Texts of the figures that are saved meanwhile, with their sizes in points over the width of the figure."""
+    from skfem_peridynamics.app.report import figure as drawing
+
+    found = {}
+
+    def keep(path, content):
+        figure = kept.pop()
+        size = figure.get_size_inches()[0]
+        figure.canvas.draw()
+        texts = [text for text in figure.findobj(lambda artist: hasattr(artist, "get_fontsize")) if text.get_text()]
+        found[Path(path).name] = [(text.get_text(), text.get_fontsize() / size) for text in texts if text.get_visible()]
+
+    kept = []
+    made = drawing.new_figure
+
+    def remember(*size):
+        kept.append(made(*size))
+        return kept[-1]
+
+    for module in ("body_pictures", "deformed_pictures", "history_pictures", "setup_picture"):
+        monkeypatch.setattr(f"skfem_peridynamics.app.report.{module}.new_figure", remember)
+    monkeypatch.setattr(drawing, "write_whole", keep)
+    draw()
+    return found
+
+
+def test_letters_are_read_on_a_phone(torn, monkeypatch):
+    """12 px or more where a picture is 361 px wide, a screen of 390; no text shows the mathematics of its making."""
+    results = Results.read(torn[0])
+    scene = Scene.parse(TORN)
+
+    def pictures(phone):
+        draw(results, course=True, phone=phone)
+        plot_setup(Path("setup.png"), scene, cracked_mesh(scene), phone=phone)
+
+    for phone in (False, True):
+        found = texts_of(monkeypatch, lambda phone=phone: pictures(phone))
+        assert len(found) == 8
+        for name, texts in found.items():
+            assert len(texts) > 3, name
+            assert not any("$" in text or "math" in text for text, _ in texts), name
+            smallest = min(size for _, size in texts) * 361 / 72
+            assert (smallest >= 12.0) == phone, (name, smallest)
+
+
+def test_what_is_drawn_is_in_the_units_it_is_read_in(torn, monkeypatch):
+    units = UnitsTable("m", "N", "s")
+    for value, unit, factor in ((0.4, "mm", 1e3), (3e-6, "um", 1e6), (2.0, "m", 1.0), (5e3, "km", 1e-3)):
+        assert units.reading("length", value) == (factor, unit)
+    assert units.shown("energy", 2.5e-3, dim=2) == "2.5 mJ/m"
+    assert units.shown("velocity", 1651.2) == "1651 m/s"
+    assert units.shown("length", 0.0) == "0 m"
+    assert UnitsTable().shown("length", 0.25) == "0.25"
+    scene = torn[1]["run"]["scene"] | {"units": {"length": "m", "force": "N", "time": "s"}}
+    results = Results.read(torn[0])
+    results = dataclasses.replace(results, scene=scene)
+    found = texts_of(monkeypatch, lambda: draw(results, course=True))
+    words = {name: {text for text, _ in texts} for name, texts in found.items()}
+    assert {"x in m", "y in mm"} & words["damage.png"]
+    assert "t in s" in words["energies.png"]
+
+
+def test_displacements_are_seen_and_open_cracks_are_holes():
+    mesh = skfem.MeshTri.init_tensor(np.linspace(0, 10, 11), np.linspace(0, 2, 3))
+    u = np.zeros((mesh.nvertices, 3))
+    u[:, 0] = np.where(mesh.p[0] > 5.5, 1e-3, 0.0)
+    body = Snapshot(mesh, 0.0, {"displacement": u, "intact": np.ones(mesh.nvertices)})
+    # vertices are up to 5.5e-4 off the mean: a twentieth of 10 is 917 times that
+    assert deformation_scale(body) == 500.0
+    p, t = moved(body, 100.0)
+    np.testing.assert_allclose(p, mesh.p + 100.0 * u[:, :2].T)
+    assert t.shape[1] == mesh.nelements  # stretched by a tenth
+    p, t = moved(body, 2000.0)
+    middle = mesh.p[0, mesh.t].mean(axis=0)
+    assert sorted(map(tuple, t.T)) == sorted(map(tuple, mesh.t[:, (middle < 5) | (middle > 6)].T))
+    far = Snapshot(mesh, 0.0, body.fields | {"displacement": 1e4 * u})
+    assert deformation_scale(far) == 1.0
+    assert deformation_scale(Snapshot(mesh, 0.0, body.fields | {"displacement": 0 * u})) == 1.0
+
+
+def test_the_drawing_of_a_set_up_names_what_the_scene_says(monkeypatch):
+    text = (EXAMPLES / "notched_part.toml").read_text()
+    scene = Scene.parse(text, EXAMPLES)
+    mesh = cracked_mesh(scene)
+    found = texts_of(monkeypatch, lambda: plot_setup(Path("setup.png"), scene, mesh))["setup.png"]
+    words = {word for word, _ in found}
+    for said in (
+        "slit", "material inclusion", "held: bottom", "no-fail top", "traction (0, 5e6 * min(t / 10e-6, 1)) on top",
+        "probe above the notch", "x in mm",
+    ):  # fmt: skip
+        assert said in words, said
+    bar = Scene.parse(starter("bar"))
+    words = {
+        word for word, _ in texts_of(monkeypatch, lambda: plot_setup(Path("b.png"), bar, cracked_mesh(bar)))["b.png"]
+    }
+    assert "held: left" in words
+    block = Scene.read(EXAMPLES / "block3d.toml", [("mesh.divisions", [12, 5, 4])])
+    words = {
+        w for w, _ in texts_of(monkeypatch, lambda: plot_setup(Path("c.png"), block, cracked_mesh(block)))["c.png"]
+    }
+    assert "slit" in words

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import time
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run a scene into a folder and print what came out; return the exit code."""
     from ..run.progress import Silent, shown
 
-    progress, begin = Silent() if arguments.quiet else shown(), time.perf_counter()
+    progress = Silent() if arguments.quiet else shown()
     options = {
         "resume": True if arguments.resume else False if arguments.overwrite else None,
         "with_report": arguments.report,
@@ -52,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
                 ("energy drift", f"{summary['energy_drift']:.2e} of the peak energy"),
                 *_effort(summary),
                 *_error(summary),
-                ("time", f"{time.perf_counter() - begin:.1f} s ({parts})"),
+                ("time", f"{sum(seconds.values()):.3g} s ({parts})"),
                 ("per step", f"{1e3 * seconds.get('steps', 0.0) / max(1, summary['steps']):.2f} ms"),
                 ("memory", f"{summary['peak_memory_mb']:.0f} MB"),
                 ("written to", f"{arguments.out}" + (", report.html" if arguments.report else "")),

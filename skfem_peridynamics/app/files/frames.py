@@ -20,6 +20,7 @@ _FRAME = re.compile(r"frame_(\d{4,})\.vtu(\.part)?")
 _OTHERS = (
     *("frames.pvd", "history.csv", "summary.json", "report.html", "animation.gif"),
     *("damage.png", "course.png", "energies.png", "crack.png", "measures.png"),
+    *("deformed.png", "stress.png", "setup.png"),
 )
 
 

@@ -1,9 +1,7 @@
-"""Pictures of the body: where its bonds have softened, at one time, at several, and as an animation."""
+"""Pictures of the body: where its bonds have softened, at one time and at several."""
 
 from __future__ import annotations
 
-import tempfile
-import warnings
 from collections.abc import Sequence
 from math import ceil
 from pathlib import Path
@@ -13,7 +11,6 @@ import numpy as np
 
 from ..._types import Floats, Longs, Mesh
 from ..files.results import Snapshot
-from ..files.whole_files import write_whole
 from ..scene.units import UnitsTable
 from .figure import new_figure, save
 from .level_surface import level_surface
@@ -28,37 +25,47 @@ _EDGES = 60_000  # beyond which the outline alone would be the picture
 
 def plot_damage(path: Path, body: Snapshot, title: str, units: UnitsTable) -> None:
     """Draw the fraction of softened bonds: a curve in 1D, a map in 2D, the crack's surface and slices in 3D."""
+    body, unit = in_reading(body, units)
     dim = body.mesh.dim()
     if dim == 1:
-        figure = _line(body, units)
+        figure = _line(body, unit)
     elif dim == 2:
         wide, high = np.ptp(body.mesh.p, axis=1)
         scale = _WIDE / max(wide, high)
         figure = new_figure(max(4.0, scale * wide) + 1.4, max(2.0, scale * high) + 0.8)
         axes = figure.add_subplot()
-        shades = _map(axes, body)
-        axes.set_xlabel(_axis("x", units))
-        axes.set_ylabel(_axis("y", units))
+        shades = map_of(axes, body)
+        axes.set_xlabel(_axis("x", unit))
+        axes.set_ylabel(_axis("y", unit))
         figure.colorbar(shades, ax=axes, label=_LABEL, shrink=0.8)
     else:
-        figure = _in_space(body, units)
-    figure.suptitle(title, parse_math=False, fontsize=11)
+        figure = _in_space(body, unit)
+    figure.suptitle(title, parse_math=False, fontsize="large")
     save(figure, path)
 
 
-def _axis(name: str, units: UnitsTable) -> str:
-    unit = units.after("length")
-    return f"{name} in{unit}" if unit else name
+def in_reading(body: Snapshot, units: UnitsTable) -> tuple[Snapshot, str]:
+    """Return a body whose lengths are in the unit that they are read in, and that unit."""
+    mesh = body.mesh
+    factor, unit = units.reading("length", float(np.abs(mesh.p).max()))
+    if factor == 1.0:
+        return body, unit
+    fields = body.fields | {"displacement": factor * body.fields["displacement"]}
+    return Snapshot(type(mesh)(factor * mesh.p, mesh.t), body.t, fields), unit
 
 
-def _line(body: Snapshot, units: UnitsTable) -> Any:
+def _axis(name: str, unit: str) -> str:
+    return f"{name} in {unit}" if unit else name
+
+
+def _line(body: Snapshot, unit: str) -> Any:
     figure = new_figure(5.6, 3.6)
     axes = figure.add_subplot()
     p, u = body.mesh.p, body.fields["displacement"][:, 0]
     order = np.argsort(p[0], kind="stable")
     axes.plot(p[0][order], u[order], color="tab:blue")
-    axes.set_xlabel(_axis("x", units))
-    axes.set_ylabel(_axis("displacement", units), color="tab:blue")
+    axes.set_xlabel(_axis("x", unit))
+    axes.set_ylabel(_axis("displacement", unit), color="tab:blue")
     twin = axes.twinx()
     twin.fill_between(p[0][order], body.broken[order], color="tab:red", alpha=0.4, linewidth=0)
     twin.set_ylabel(_LABEL, color="tab:red")
@@ -66,7 +73,7 @@ def _line(body: Snapshot, units: UnitsTable) -> Any:
     return figure
 
 
-def _map(axes: Any, body: Snapshot) -> Any:
+def map_of(axes: Any, body: Snapshot) -> Any:
     """The body in 2D with its outline, the faces of slits among it."""
     from matplotlib.collections import LineCollection
 
@@ -93,23 +100,23 @@ def _corners(mesh: Mesh, facets: Longs) -> Floats:
     return np.asarray(np.moveaxis(mesh.p[:, mesh.facets[:, facets]], 0, 2).swapaxes(0, 1), dtype=float)
 
 
-def _in_space(body: Snapshot, units: UnitsTable) -> Any:
+def _in_space(body: Snapshot, unit: str) -> Any:
     """The crack's surface in the body's box, and slices through where the damage is."""
     figure = new_figure(8.4, 4.4)
     left, right = figure.subfigures(1, 2, width_ratios=(1.15, 1.0))
-    _surface(left.add_subplot(projection="3d"), body, units)
+    _surface(left.add_subplot(projection="3d"), body, unit)
     p, broken = body.mesh.p, body.broken
     weight = broken * (broken > _CRACK)
     at = (p * weight).sum(axis=1) / weight.sum() if weight.any() else 0.5 * (p.min(axis=1) + p.max(axis=1))
     shades: Any = None
     panels = right.subplots(3, 1)
     for axis, axes in enumerate(panels):
-        shades = _slice(axes, body.mesh, broken, axis, float(at[axis]), units)
+        shades = _slice(axes, body.mesh, broken, axis, float(at[axis]), unit)
     right.colorbar(shades, ax=panels, label=_LABEL, shrink=0.8)
     return figure
 
 
-def _surface(axes: Any, body: Snapshot, units: UnitsTable) -> None:
+def _surface(axes: Any, body: Snapshot, unit: str) -> None:
     from matplotlib import colormaps
     from matplotlib.ticker import MaxNLocator
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
@@ -124,24 +131,24 @@ def _surface(axes: Any, body: Snapshot, units: UnitsTable) -> None:
             for k, side in zip(others, corner, strict=True):
                 line[k] = (low[k], high[k])[side]
             axes.plot(*line, color="0.7", linewidth=0.8)
-    slit = _inner_faces(mesh)
+    slit = inner_faces(mesh)
     axes.add_collection3d(Poly3DCollection(_corners(mesh, slit), facecolor="0.85", edgecolor="0.5", linewidth=0.2))
     corners, shade = level_surface(mesh, broken, _CRACK, mesh.p[2])
     if len(corners):
         spread = max(high[2] - low[2], np.finfo(float).tiny)
         colour = colormaps["inferno"](0.25 + 0.5 * (shade.mean(axis=1) - low[2]) / spread)
         axes.add_collection3d(Poly3DCollection(corners, facecolor=colour, edgecolor="none", alpha=0.9))
-    axes.set_title(f"where {_CRACK:.0%} of the bonds have softened", fontsize=9)
+    axes.set_title(f"where {_CRACK:.0%} of the bonds have softened", fontsize="small")
     axes.set_box_aspect((high - low) / (high - low).max(), zoom=0.95)
     axes.grid(False)
     for k, (labelled, name) in enumerate(zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True)):
         labelled.set_pane_color((1, 1, 1, 0))
         labelled.set_major_locator(MaxNLocator(3))
-        labelled.set_label_text(_axis(name, units))
+        labelled.set_label_text(_axis(name, unit))
         (axes.set_xlim, axes.set_ylim, axes.set_zlim)[k](low[k], high[k])
 
 
-def _inner_faces(mesh: Mesh) -> Longs:
+def inner_faces(mesh: Mesh) -> Longs:
     """Facets of the boundary that lie on others: the faces of slits."""
     rim = mesh.boundary_facets()
     middle = mesh.p[:, mesh.facets[:, rim]].mean(axis=1)
@@ -150,7 +157,7 @@ def _inner_faces(mesh: Mesh) -> Longs:
     return np.asarray(rim[count[which.ravel()] > 1], dtype=np.int64)
 
 
-def _slice(axes: Any, mesh: Mesh, broken: Floats, axis: int, at: float, units: UnitsTable) -> Any:
+def _slice(axes: Any, mesh: Mesh, broken: Floats, axis: int, at: float, unit: str) -> Any:
     corners, shade = level_surface(mesh, mesh.p[axis], at, broken)
     across = [k for k in range(3) if k != axis]
     x, y = (corners[:, :, k].ravel() for k in across)
@@ -161,10 +168,10 @@ def _slice(axes: Any, mesh: Mesh, broken: Floats, axis: int, at: float, units: U
     else:
         shades = axes.scatter([], [], c=[], cmap=_COLOURS, vmin=0, vmax=1)
     axes.set_aspect("equal")
-    axes.set_title(f"{'xyz'[axis]} = {at:.3g}", fontsize=9)
-    axes.set_xlabel(_axis("xyz"[across[0]], units), fontsize=8)
-    axes.set_ylabel(_axis("xyz"[across[1]], units), fontsize=8)
-    axes.tick_params(labelsize=7)
+    axes.set_title(f"{'xyz'[axis]} = {at:.3g}", fontsize="small")
+    axes.set_xlabel(_axis("xyz"[across[0]], unit), fontsize="x-small")
+    axes.set_ylabel(_axis("xyz"[across[1]], unit), fontsize="x-small")
+    axes.tick_params(labelsize="x-small")
     return shades
 
 
@@ -176,34 +183,10 @@ def plot_course(path: Path, bodies: Sequence[Snapshot], units: UnitsTable) -> No
     each = 7.0 / columns
     figure = new_figure(7.0, rows * (each * high / wide + 0.45))
     for body, axes in zip(bodies, figure.subplots(rows, columns, squeeze=False).ravel(), strict=False):
-        _map(axes, body)
-        axes.set_title(f"t = {body.t:.4g}{units.after('time')}", fontsize=9)
+        map_of(axes, body)
+        axes.set_title(f"t = {units.shown('time', body.t)}", fontsize="small")
         axes.set_xticks([])
         axes.set_yticks([])
     for axes in figure.axes[len(bodies) :]:
         axes.set_axis_off()
     save(figure, path)
-
-
-def animate(path: Path, bodies: Sequence[Snapshot], title: str, units: UnitsTable, rate: int = 8) -> None:
-    """Write the frames of a body in 2D as a GIF, so many a second, by matplotlib's own writer."""
-    from matplotlib.animation import PillowWriter
-
-    wide, high = np.ptp(bodies[0].mesh.p, axis=1)
-    scale = 7.0 / max(wide, high)
-    figure = new_figure(max(3.0, scale * wide) + 0.4, max(1.6, scale * high) + 0.7)
-    figure.set_dpi(90)
-    axes = figure.add_subplot()
-    writer = PillowWriter(fps=rate)
-    with tempfile.TemporaryDirectory() as room, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        target = Path(room) / "animation.gif"  # pillow goes by the name
-        with writer.saving(figure, str(target), dpi=90):
-            for body in bodies:
-                axes.clear()
-                _map(axes, body)
-                axes.set_axis_off()
-                now = f"t = {body.t:.4g}{units.after('time')}"
-                axes.set_title(f"{title}, {now}", parse_math=False, fontsize=9)
-                writer.grab_frame()
-        write_whole(path, target.read_bytes())

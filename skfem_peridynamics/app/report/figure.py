@@ -24,19 +24,36 @@ def new_figure(width: float, height: float) -> Any:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    if _PHONE:
+        import matplotlib
+
+        matplotlib.rcParams["font.size"] = _LETTERS * width
+        height *= _TALLER
     figure = Figure(figsize=(width, height), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 @contextlib.contextmanager
-def own_style() -> Iterator[None]:
-    """Draw as matplotlib does where nobody has set anything: it obeys a file in the working folder."""
+def own_style(phone: bool = False) -> Iterator[None]:
+    """Draw as matplotlib does where nobody has set anything: it obeys a file in the working folder.
+
+    For a ``phone`` letters grow with the figure: shrunk to the width of a screen of 390 px they have 12 px or more.
+    """
     import matplotlib
 
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
-        yield
+        _PHONE.extend([True] * phone)
+        try:
+            yield
+        finally:
+            _PHONE.clear()
+
+
+# points of a letter for an inch of the figure: the smallest, "x-small", has 0.69 of them, 12 px on a figure of 361 px
+_LETTERS, _TALLER = 3.45, 1.3
+_PHONE: list[bool] = []
 
 
 def save(figure: Any, path: Path) -> None:

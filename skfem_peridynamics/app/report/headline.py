@@ -47,9 +47,10 @@ def number(value: Any) -> str:
 def _of_cracks(results: Results) -> str:
     summary, doubts = results.summary, _doubts(results)
     flat = bool(summary.get("crack_length"))
-    unit = results.units.after("length" if flat else "area")
-    size = number(summary["crack_length" if flat else "crack_area"]) + unit
-    far = number(summary["crack_reach"]) + results.units.after("length")
+    unit = results.units.after("area")
+    units = results.units
+    size = units.shown("length", summary["crack_length"]) if flat else number(summary["crack_area"]) + unit
+    far = units.shown("length", summary["crack_reach"])
     cracks, tips = int(summary.get("cracks") or 1), int(summary.get("tips") or 1)
     if (summary.get("crushed") or 0.0) > _CRUSHED:
         part = f"{summary['crushed']:.0%} of the damaged volume lies deeper than damage beside a crack"

@@ -27,13 +27,16 @@ def plot_energies(path: Path, history: History, title: str, units: UnitsTable, d
         "total": ("total", "k-"),
         "work": ("external work", "k:"),
     }
+    t, label_of_t = _time(history, units)
+    largest = max(float(abs(history[name]).max()) for name in names if name in history)
+    factor, unit = units.reading("energy", largest, dim)
     for name, (label, style) in names.items():
         if name in history:
-            axes.plot(history["t"], history[name], style, label=label, linewidth=1.5)
-    axes.set_xlabel(_time(units))
-    axes.set_ylabel(_in("energy", units.after("energy", dim)))
+            axes.plot(t, factor * history[name], style, label=label, linewidth=1.5)
+    axes.set_xlabel(label_of_t)
+    axes.set_ylabel(_in("energy", unit))
     axes.set_title(title, parse_math=False)
-    axes.legend(frameon=False)
+    axes.legend(frameon=False, fontsize="small")
     _plain(axes)
     save(figure, path)
 
@@ -42,21 +45,23 @@ def plot_crack(path: Path, history: History, speed: float | None, units: UnitsTa
     """Draw length, reach and area of the crack, and the speed of its tip against the Rayleigh ``speed``."""
     figure = new_figure(_WIDTH, 6.2)
     upper, lower = figure.subplots(2, 1)
-    t = history["t"]
-    upper.plot(t, history["crack_reach"], label="way of the first tip")
+    t, label_of_t = _time(history, units)
+    shown = {"crack_reach": ("way of the first tip", "-")}
     if "crack_length" in history:
-        upper.plot(t, history["crack_length"], label="all branches")
-        upper.plot(t, history["crack_area"], ":", label="by the bonds it has cut")
-    upper.set_ylabel(_in("crack length", units.after("length")))
-    upper.legend(frameon=False)
-    lower.plot(t, speeds(t, history["crack_reach"], WINDOW), color="tab:red", label="tip")
+        shown |= {"crack_length": ("all branches", "-"), "crack_area": ("by the bonds it has cut", ":")}
+    factor, unit = units.reading("length", max(float(history[name].max()) for name in shown))
+    for name, (label, style) in shown.items():
+        upper.plot(t, factor * history[name], style, label=label)
+    upper.set_ylabel(_in("crack length", unit))
+    upper.legend(frameon=False, fontsize="small")
+    lower.plot(t, speeds(history["t"], history["crack_reach"], WINDOW), color="tab:red", label="tip")
     if speed is not None:
         lower.axhline(speed, color="0.3", linestyle="--", linewidth=1, label="Rayleigh speed")
-    lower.set_ylabel(_in("tip speed", units.after("velocity")))
+    lower.set_ylabel(_in("tip speed", units.after("velocity").strip()))
     lower.set_ylim(bottom=0.0)
-    lower.legend(frameon=False)
+    lower.legend(frameon=False, fontsize="small")
     for axes in (upper, lower):
-        axes.set_xlabel(_time(units))
+        axes.set_xlabel(label_of_t)
         _plain(axes)
     save(figure, path)
 
@@ -89,32 +94,35 @@ def plot_measures(path: Path, history: History, toughness: float | None, units: 
     panels = dict(list(groups(history).items())[:_PANELS])
     figure = new_figure(_WIDTH, 2.8 * len(panels) + 0.2)
     every = figure.subplots(len(panels), 1, squeeze=False).ravel()
-    t = history["t"]
+    t, label_of_t = _time(history, units)
     for axes, (heading, names) in zip(every, panels.items(), strict=True):
+        quantity = "J" if heading == "J" else {"reaction": "force"}.get(heading.split(",")[0], heading.split(",")[0])
+        factor, unit = units.reading(quantity, max(float(abs(history[name]).max()) for name in names), dim)
         for name in names:
             label = name.rpartition("_")[2].lstrip("uv") if heading != "J" else "J"
-            axes.plot(t, history[name], label=label, linewidth=1.4)
-        quantity = "J" if heading == "J" else {"reaction": "force"}.get(heading.split(",")[0], heading.split(",")[0])
+            axes.plot(t, factor * history[name], label=label, linewidth=1.4)
         if heading == "J" and toughness is not None:
-            axes.axhline(toughness, color="0.3", linestyle="--", linewidth=1, label="G_c")
-        axes.set_title(heading, parse_math=False, fontsize=10)
-        axes.set_ylabel(_in(quantity, units.after(quantity, dim)), parse_math=False)
-        axes.set_xlabel(_time(units))
-        axes.legend(frameon=False)
+            axes.axhline(factor * toughness, color="0.3", linestyle="--", linewidth=1, label="G_c")
+        axes.set_title(heading, parse_math=False, fontsize="medium")
+        axes.set_ylabel(_in(quantity, unit), parse_math=False)
+        axes.set_xlabel(label_of_t)
+        axes.legend(frameon=False, fontsize="small")
         _plain(axes)
     save(figure, path)
 
 
 def _in(quantity: str, unit: str) -> str:
-    return f"{quantity} in{unit}" if unit else quantity
+    return f"{quantity} in {unit}" if unit else quantity
 
 
-def _time(units: UnitsTable) -> str:
-    return _in("t", units.after("time"))
+def _time(history: History, units: UnitsTable) -> tuple[Floats, str]:
+    """Times in the unit they are read in, and what to write beside them."""
+    factor, unit = units.reading("time", float(history["t"][-1]))
+    return factor * history["t"], _in("t", unit)
 
 
 def _plain(axes: Any) -> None:
     """Ticks that do not meet, and no frame."""
     axes.spines[["top", "right"]].set_visible(False)
-    axes.ticklabel_format(style="sci", scilimits=(-2, 4), useMathText=True)
+    axes.ticklabel_format(style="sci", scilimits=(-3, 5))
     axes.locator_params(axis="x", nbins=6)

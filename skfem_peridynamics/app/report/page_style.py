@@ -15,6 +15,7 @@ h3 { font-size: 1rem; margin: 1.5rem 0 0.5rem; }
 .cards div { background: var(--shade); border-radius: 8px; padding: 0.7rem 0.9rem; }
 .cards dt { font-size: 0.8rem; color: var(--soft); }
 .cards dd { margin: 0.1rem 0 0; font-size: 1.15rem; font-weight: 600; overflow-wrap: anywhere; }
+.date { color: var(--soft); font-size: 0.85rem; margin: -1rem 0 1rem; }
 figure { margin: 1.25rem 0; }
 img { display: block; width: 46rem; max-width: 100%; height: auto; }
 figcaption { font-size: 0.88rem; color: var(--soft); margin-top: 0.4rem; }

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ..._types import Floats, Mesh
 from ...model.peridynamics import Peridynamics
 
-_SIX = [0, 3, 5, 3, 1, 4, 5, 4, 2]  # of xx, yy, zz, xy, yz, xz, as frames have them
+SIX = [0, 3, 5, 3, 1, 4, 5, 4, 2]  # of xx, yy, zz, xy, yz, xz, as frames have them
 FIELDS = ("damage", "displacement", "von Mises", "largest principal")
 
 
@@ -125,7 +125,7 @@ def field_of(body: Peridynamics | Mesh, u: Floats, of: str | npt.ArrayLike, fiel
 
 def _of_stress(body: Peridynamics | Mesh, u: Floats, of: str, fields: Mapping[str, Floats], dim: int) -> Floats:
     if "stress" in fields:
-        tensor = np.asarray(fields["stress"], dtype=float)[:, _SIX].reshape(-1, 3, 3)
+        tensor = np.asarray(fields["stress"], dtype=float)[:, SIX].reshape(-1, 3, 3)
     else:
         from ...analysis.stress import stress
 

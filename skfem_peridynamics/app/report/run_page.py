@@ -4,48 +4,85 @@ from __future__ import annotations
 
 import base64
 import tempfile
+import time
 from collections.abc import Iterable, Mapping
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
+import numpy as np
+
+from ..._types import Mesh
+from ...geometry.simplices import vertex_sizes
 from ..files.results import Results, Snapshot
 from ..files.whole_files import write_whole
+from ..problem.domain import cracked_mesh
+from ..scene.formula import FormulaError
+from ..scene.reading import SceneError
+from ..scene.scene import Scene
 from ..scene.toml_text import to_toml
 from .headline import known, number, verdict
 from .page_style import STYLE
 from .run_pictures import draw
+from .setup_picture import plot_setup
 
 _CAPTIONS = {
     "damage.png": "Where bonds have softened at the end of the run: pale is whole, dark is torn.",
+    "deformed.png": "The same beside its deformed shape; elements that are torn open are left out.",
     "course.png": "The same at four times.",
+    "setup.png": "What the scene says: outline, slits, materials, loads (arrows), supports, no-fail regions, probes.",
+    "stress.png": "What the bonds bear at the last frame.",
     "crack.png": "How far the crack has got, and how fast its tip runs; the slope over five rows of the history.",
     "energies.png": "Energies over time.",
     "measures.png": "What the scene has measured.",
 }
 
 
-def write_report(folder: Path, last: Snapshot | None = None) -> Path:
-    """Write ``report.html`` from the files of a run, and return its path. Raises :class:`SceneError` without a run."""
+Pictures: TypeAlias = Mapping[str, tuple[str, str]]
+
+
+def write_report(folder: Path, last: Snapshot | None = None, setup: tuple[Scene, Mesh] | None = None) -> Path:
+    """Write ``report.html`` from the files of a run, and return its path. Raises :class:`SceneError` without a run.
+
+    ``setup`` is the scene and its mesh, where they are at hand; the scene of a box is made again where they are not.
+    """
     results = Results.read(folder)
-    with tempfile.TemporaryDirectory() as room:
-        names = draw(results, Path(room), last, course=True)
-        pictures = {name: base64.b64encode((Path(room) / name).read_bytes()).decode() for name in names}
+    setup = _setup(results) if setup is None else setup
+    sets = []
+    for phone in (False, True):
+        with tempfile.TemporaryDirectory() as room:
+            names = draw(results, Path(room), last, course=True, phone=phone)
+            if setup is not None:
+                plot_setup(Path(room) / "setup.png", *setup, phone=phone)
+                names.append("setup.png")
+            sets.append({name: base64.b64encode((Path(room) / name).read_bytes()).decode() for name in names})
     path = folder / "report.html"
-    write_whole(path, page(results, pictures))
+    write_whole(path, page(results, {name: (wide, sets[1][name]) for name, wide in sets[0].items()}))
     return path
 
 
-def page(results: Results, pictures: Mapping[str, str]) -> str:
-    """Return the HTML of a report; ``pictures`` are PNG in base 64 by their names."""
+def _setup(results: Results) -> tuple[Scene, Mesh] | None:
+    """The scene of a run and its mesh, where nothing but the scene is needed for it."""
+    try:
+        scene = Scene.of(results.scene)
+        return (scene, cracked_mesh(scene)) if scene.mesh.file is None else None
+    except (SceneError, FormulaError):
+        return None
+
+
+def page(results: Results, pictures: Pictures) -> str:
+    """Return the HTML of a report; ``pictures`` are PNG in base 64 by their names, for wide screens and for phones."""
     summary, title = results.summary, escape(results.title)
     body = [
         f"<h1>{title}</h1>",
         f'<p class="lead">{escape(verdict(results))}</p>',
+        _date(results),
         _cards(results),
-        *(_figure(name, pictures[name]) for name in ("damage.png", "course.png") if name in pictures),
+        *(_figure(name, pictures[name]) for name in _first(pictures)),
+        *_section("The set-up", [_setup_table(results)], "setup.png", pictures),
         *_section("The crack", [_crack_table(results)], "crack.png", pictures),
         *_section("Energies", [f"<p>{escape(_balance(summary))}</p>"], "energies.png", pictures),
+        *_section("Stress", [], "stress.png", pictures),
         *_section("Measured", [], "measures.png", pictures),
         *_material(results),
         "<h2>How far to trust it, and what it took</h2>",
@@ -66,13 +103,21 @@ def page(results: Results, pictures: Mapping[str, str]) -> str:
     )
 
 
+def _date(results: Results) -> str:
+    """When the run ended, by its summary."""
+    file = results.folder / "summary.json"
+    if not file.is_file():
+        return ""
+    return f'<p class="date">{time.strftime("%Y-%m-%d %H:%M", time.localtime(file.stat().st_mtime))}</p>'
+
+
 def _cards(results: Results) -> str:
     summary = results.summary
     units, cards = results.units, []
     if summary.get("crack_length") is None and summary.get("crack_area") is not None:
         cards.append(("crack area", number(summary["crack_area"]) + units.after("area")))
     if summary.get("crack_length") is not None:
-        cards.append(("crack length", number(summary["crack_length"]) + units.after("length")))
+        cards.append(("crack length", units.shown("length", summary["crack_length"])))
     if summary.get("largest_tip_speed"):
         cards.append(("fastest tip", number(summary["largest_tip_speed"]) + units.after("velocity")))
     for name, label in (("energy_drift", "energy drift"), ("error_estimate", "estimated error of u")):
@@ -87,13 +132,59 @@ def _cards(results: Results) -> str:
     return f'<dl class="cards">{items}</dl>' if items else ""
 
 
-def _figure(name: str, picture: str) -> str:
-    caption = escape(_CAPTIONS[name])
-    image = f'<img src="data:image/png;base64,{picture}" alt="{caption}">'
+def _first(pictures: Pictures) -> list[str]:
+    """The pictures at the top: the deformed shape has the plain one beside it."""
+    first = "deformed.png" if "deformed.png" in pictures else "damage.png"
+    return [name for name in (first, "course.png") if name in pictures]
+
+
+def _figure(name: str, picture: tuple[str, str]) -> str:
+    caption = escape(_CAPTIONS["damage.png"] if name == "deformed.png" else _CAPTIONS[name])
+    if name == "deformed.png":
+        caption += " " + escape(_CAPTIONS[name])
+    wide, phone = (f"data:image/png;base64,{one}" for one in picture)
+    small = f'<source media="(max-width: 34rem)" srcset="{phone}">'
+    image = f'<picture>{small}<img src="{wide}" alt="{caption}"></picture>'
     return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
 
 
-def _section(title: str, parts: list[str], name: str, pictures: Mapping[str, str]) -> list[str]:
+def _setup_table(results: Results) -> str:
+    """Horizon, mesh, and the materials with their constants."""
+    scene, units = results.scene, results.units
+    rows: list[tuple[str, str]] = []
+    bonds = scene.get("bonds")
+    horizon = bonds.get("horizon") if isinstance(bonds, dict) else None
+    if isinstance(horizon, (int, float)):
+        per = ""
+        if results.last is not None:
+            per = f", {horizon / float(np.median(vertex_sizes(results.last.mesh))):.1f} vertices (in the median)"
+        rows.append(("horizon", units.shown("length", float(horizon)) + per))
+    for key, name in (("nodes", "vertices"), ("bonds", "bonds")):
+        if results.summary.get(key) is not None:
+            rows.append((name, f"{results.summary[key]:,}"))
+    inclusions = scene.get("inclusion")
+    tables = [("material", scene.get("material"))]
+    tables += [(f"inclusion {k}", one) for k, one in enumerate(inclusions)] if isinstance(inclusions, list) else []
+    for name, table in tables:
+        if isinstance(table, dict):
+            rows.append((name, _constants(table, results)))
+    return _table(rows)
+
+
+def _constants(table: Mapping[str, Any], results: Results) -> str:
+    """What a table of a material says, with units where they are known."""
+    of = {"young": "stress", "lame": "stress", "mu": "stress", "bulk": "stress", "toughness": "toughness"}
+    said = []
+    for name, value in table.items():
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            unit = results.units.shown(of[name], float(value)) if name in of else number(value)
+            said.append(f"{name} {unit}")
+        elif name in ("region", "where", "plane", "potential") and isinstance(value, str):
+            said.append(f"{name} {value}")
+    return ", ".join(said)
+
+
+def _section(title: str, parts: list[str], name: str, pictures: Pictures) -> list[str]:
     if name not in pictures:
         return []
     return [f"<h2>{escape(title)}</h2>", *parts, _figure(name, pictures[name])]
@@ -115,7 +206,8 @@ def _crack_table(results: Results) -> str:
         ("crack_area", "the same by the bonds it has cut" if flat else "area", length if flat else units.after("area")),
     ):
         if summary.get(name) is not None:
-            rows.append((label, number(summary[name]) + unit))
+            said = units.shown("length", summary[name]) if unit == length else number(summary[name]) + unit
+            rows.append((label, said))
     if summary.get("tips") is not None:
         rows.append(("tips", str(summary["tips"])))
     if summary.get("largest_tip_speed") is not None:
@@ -146,7 +238,7 @@ def _material(results: Results) -> list[str]:
         # bonds alone have lambda = mu, said once
         value = known(results, "lame") if name == "mu" and known(results, "mu") is None else known(results, name)
         if value is not None:
-            rows.append((label, number(value) + (units.after(quantity) if quantity else "")))
+            rows.append((label, units.shown(quantity, value) if quantity else number(value)))
     return ["<h2>The material</h2>", _table(rows)] if rows else []
 
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from ..files.results import Results, Snapshot
 from ..scene.reading import SceneError
 from ..scene.shown import named
-from .body_pictures import animate, plot_course, plot_damage
+from .body_pictures import plot_course, plot_damage
+from .deformed_pictures import animate, plot_deformed, plot_stress
 from .figure import own_style
 from .headline import known
 from .history_pictures import groups, plot_crack, plot_energies, plot_measures
@@ -15,13 +18,24 @@ from .history_pictures import groups, plot_crack, plot_energies, plot_measures
 _COURSE = 4  # times shown side by side
 
 
-@own_style()
-def draw(results: Results, out: Path | None = None, last: Snapshot | None = None, *, course: bool = False) -> list[str]:
+def draw(
+    results: Results,
+    out: Path | None = None,
+    last: Snapshot | None = None,
+    *,
+    course: bool = False,
+    phone: bool = False,
+) -> list[str]:
     """Draw what there is to be drawn of a run into a folder (its own); return the names.
 
-    ``last`` is its last state, by default the last frame; the ``course`` takes several frames.
+    ``last`` is its last state, by default the last frame. The ``course`` takes several frames, and what only frames
+    have; for a ``phone`` letters are larger.
     """
-    out = results.folder if out is None else out
+    with own_style(phone):
+        return _drawn(results, results.folder if out is None else out, last, course)
+
+
+def _drawn(results: Results, out: Path, last: Snapshot | None, course: bool) -> list[str]:
     units, history, title = results.units, results.history, results.title
     last = results.last if last is None else last
     dim = 2 if last is None else int(last.mesh.dim())
@@ -29,6 +43,13 @@ def draw(results: Results, out: Path | None = None, last: Snapshot | None = None
     if last is not None:
         plot_damage(out / "damage.png", last, title, units)
         names.append("damage.png")
+        if course and dim == 2:
+            tips = [history.get(name, np.array([np.nan]))[-1] for name in ("tip_x", "tip_y")]
+            plot_deformed(out / "deformed.png", last, (float(tips[0]), float(tips[1])), units)
+            names.append("deformed.png")
+    if course and dim == 2 and results.last is not None and "stress" in results.last.fields:
+        plot_stress(out / "stress.png", results.last, units)
+        names.append("stress.png")
     chosen = _spread(len(results.frames)) if course else []
     if dim == 2 and len(chosen) > 1:
         plot_course(out / "course.png", [results.snapshot(k) for k in chosen], units)

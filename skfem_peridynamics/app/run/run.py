@@ -188,10 +188,10 @@ def run(
                 _write_summary(out, summary | {"notes": notes, "run": run_identity})
         except (UnstableRun, NotConverged):  # a run that has come to an end of its own has something to report
             if with_report:
-                write_report(out, _snapshot(record))
+                write_report(out, _snapshot(record), (scene, problem.mesh))
             raise
         if with_report:
-            write_report(out, _snapshot(record))
+            write_report(out, _snapshot(record), (scene, problem.mesh))
         return FinishedRun(out, summary | {"notes": notes, "run": run_identity})
 
 

@@ -24,6 +24,15 @@ _POWERS = {
     "J": (-1, 1, 0),
 }
 KNOWN = frozenset(_POWERS)
+# what a unit is multiplied by, and its name, the largest first; of energies and forces per thickness the front alone
+_PREFIXES = {
+    "m": [(1e-3, "km"), (1.0, "m"), (1e3, "mm"), (1e6, "um"), (1e9, "nm")],
+    "s": [(1.0, "s"), (1e3, "ms"), (1e6, "us"), (1e9, "ns")],
+    "Pa": [(1e-9, "GPa"), (1e-6, "MPa"), (1e-3, "kPa"), (1.0, "Pa")],
+    "J": [(1e-6, "MJ"), (1e-3, "kJ"), (1.0, "J"), (1e3, "mJ"), (1e6, "uJ")],
+    "N": [(1e-6, "MN"), (1e-3, "kN"), (1.0, "N"), (1e3, "mN")],
+}
+_PREFIXED = {("m", ""), ("s", ""), ("Pa", ""), ("J", ""), ("J", "m"), ("N", ""), ("N", "m")}
 _NAMED = {("m", "N"): {(-2, 1, 0): "Pa", (1, 1, 0): "J"}, ("mm", "N"): {(-2, 1, 0): "MPa", (1, 1, 0): "mJ"}}
 
 
@@ -43,6 +52,33 @@ class UnitsTable:
         """
         unit = self.of(quantity, dim)
         return "" if any(unit_field.name in unit for unit_field in fields(self)) else f" {unit}"
+
+    def reading(self, quantity: str, largest: float, dim: int = 3) -> tuple[float, str]:
+        """Return a factor, and the unit of what is multiplied by it: numbers up to the largest are then read easily.
+
+        SI alone has prefixes here; other units stay as they are.
+
+        >>> UnitsTable("m", "N", "s").reading("length", 0.08529)
+        (1000.0, 'mm')
+        >>> UnitsTable("m", "N", "s").reading("stress", 7.2e10), UnitsTable("mm", "N", "ms").reading("length", 0.5)
+        ((1e-09, 'GPa'), (1.0, 'mm'))
+        """
+        unit = self.after(quantity, dim).strip()
+        head, slash, per = unit.partition("/")
+        if (head, per) not in _PREFIXED or not 0.0 < abs(largest) < float("inf"):
+            return 1.0, unit
+        # the largest unit of which it is one or more, or the smallest
+        found = next((entry for entry in _PREFIXES[head] if abs(largest) * entry[0] >= 1.0), _PREFIXES[head][-1])
+        return found[0], found[1] + slash + per
+
+    def shown(self, quantity: str, value: float, dim: int = 3) -> str:
+        """Return a value with the unit it is read in.
+
+        >>> UnitsTable("m", "N", "s").shown("time", 4.5e-05), UnitsTable().shown("time", 4.5e-05)
+        ('45 us', '4.5e-05')
+        """
+        factor, unit = self.reading(quantity, value, dim)
+        return f"{value * factor:.4g}" + (f" {unit}" if unit else "")
 
     def of(self, quantity: str, dim: int = 3) -> str:
         """Return the unit of a quantity, ``"1"`` for a number; in 2D forces and energies are per unit thickness.
