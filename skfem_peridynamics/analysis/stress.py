@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from .._types import Basis, Floats, Mesh
 from ..engine.block import Block
 from ..geometry.simplices import element_volumes, vertex_volumes
+from ..material.elastic import lame_constants, poisson_of
 from ..model.peridynamics import Peridynamics
 
 
@@ -121,3 +124,48 @@ def voigt(tensors: Floats) -> Floats:
     full = np.zeros((len(tensors), 3, 3))
     full[:, :dim, :dim] = tensors
     return full[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
+
+
+def von_mises(stress: Floats, across: float = 0.0) -> Floats:
+    """Return the von Mises stress of tensors (n, dim, dim), (n,); in 2D ``across`` times the trace acts out of plane.
+
+    >>> von_mises(np.diag([3.0, 0.0, 0.0])[None]).tolist(), von_mises(np.diag([3.0, 3.0])[None], 0.5).tolist()
+    ([3.0], [0.0])
+    """
+    dim = stress.shape[1]
+    whole = np.zeros((len(stress), 3, 3))
+    whole[:, :dim, :dim] = stress
+    trace = np.trace(stress, axis1=1, axis2=2)
+    if dim == 2:
+        whole[:, 2, 2] = across * trace
+    deviator = whole - np.trace(whole, axis1=1, axis2=2)[:, None, None] / 3.0 * np.eye(3)
+    return np.asarray(np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2))), dtype=float)
+
+
+def largest_principal(stress: Floats) -> Floats:
+    """Return the largest principal stress of tensors (n, dim, dim), (n,).
+
+    >>> largest_principal(np.array([[[0.0, 2.0], [2.0, 0.0]]])).tolist()
+    [2.0]
+    """
+    return np.asarray(np.linalg.eigvalsh(stress)[:, -1], dtype=float)
+
+
+def out_of_plane(material: Any, dim: int) -> float | None:
+    """Return what part of the trace acts out of plane in 2D: Poisson's ratio in plane strain, else nothing.
+
+    None where materials of several ratios are strained in a plane, or where only a law is known.
+
+    >>> from ..material.material import Material
+    >>> out_of_plane(Material.from_elastic(young=1.0, density=1.0, plane="strain", potential="linear"), 2)
+    0.25
+    """
+    if dim != 2:
+        return 0.0
+    found = set()
+    for one in getattr(material, "materials", (material,)):
+        if getattr(one, "plane", None) is None:
+            return None
+        lame, mu = lame_constants(dim, one.plane, one.young, one.lame, one.poisson, one.mu, one.bulk)
+        found.add(0.0 if one.plane == "stress" else round(poisson_of(lame, mu, one.plane), 12))
+    return found.pop() if len(found) == 1 else None

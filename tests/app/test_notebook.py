@@ -102,7 +102,8 @@ def axes():
 
 
 def test_a_picture_shows_the_numbers_that_were_asked_for():
-    body = body_on(box(2, 6), 0.4, peri.Exponential(1.0, 1e-2))
+    stiff = peri.Material.from_elastic(young=1.0, toughness=1e-2, density=1.0, plane="stress")
+    body = peri.Peridynamics(body_on(box(2, 6), 0.4).bonds, stiff)
     p, dim = body.bonds.mesh.p, 2
     u = np.where(p[0] > 0.55, 0.5, 0.0)[:, None] * np.array([1.0, 0.0])
     shown = peri.plot(body, u.ravel(), ax=axes(), scale=2.0)
@@ -143,6 +144,7 @@ def test_pictures_that_cannot_be_are_refused(done):
         (lambda: peri.plot(body, of=np.zeros(3)), r"of has shape \(3,\); the mesh has 16 vertices"),
         (lambda: peri.plot(body.bonds.mesh), "needs a body"),
         (lambda: peri.plot(body.bonds.mesh, of="von Mises"), "needs a body"),
+        (lambda: peri.plot(body, of="von Mises"), "one Poisson ratio"),
     ):
         with pytest.raises(ValueError, match=said):
             call()
@@ -154,7 +156,10 @@ def test_a_frame_is_drawn_from_its_fields(done):
     assert done.frames[-1].broken.max() > 0.3
     of_frame = done.plot("von Mises", frame=1, ax=axes()).collections[0].get_array()
     a, b, _, c, *_ = done.frames[1].fields["stress"].T
-    np.testing.assert_allclose(of_frame, np.sqrt(a**2 - a * b + b**2 + 3 * c**2), rtol=1e-5)
+    z = 0.25 * (a + b)  # plane strain, the ratio of bonds alone
+    mises = np.sqrt(((a - b) ** 2 + (b - z) ** 2 + (z - a) ** 2) / 2 + 3 * c**2)
+    np.testing.assert_allclose(of_frame, mises, rtol=1e-5, atol=1e-6 * mises.max())
+    np.testing.assert_allclose(done.frames[1].fields["damage"], done.frames[1].broken, atol=1e-6)
 
 
 def test_a_body_in_space_is_seen_through_where_it_is_cracked():

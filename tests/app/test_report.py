@@ -303,16 +303,35 @@ def test_fields_of_frames(torn):
     raw = (out / "frame_0005.vtu").read_text()
     root = ElementTree.fromstring(raw)
     arrays = {one.get("Name"): one for one in root.find(".//PointData")}
-    assert list(arrays) == ["displacement", "velocity", "intact", "Z", "stress", "strain"]
+    assert list(arrays) == ["displacement", "velocity", "damage", "intact", "Z", "stress", "von_mises", "strain"]
     units = {name: one.find("InformationKey").text for name, one in arrays.items()}
     assert units == {
-        "displacement": "mm", "velocity": "mm/ms", "intact": "1", "Z": "1", "stress": "MPa", "strain": "1",
+        "displacement": "mm", "velocity": "mm/ms", "damage": "1", "intact": "1", "Z": "1", "stress": "MPa",
+        "von_mises": "MPa", "strain": "1",
     }  # fmt: skip
     assert all(one.find("InformationKey").get("name") == "UNITS_LABEL" for one in arrays.values())
     content = meshio.read(out / "frame_0005.vtu")
     shapes = {name: data.shape[1:] for name, data in content.point_data.items()}
-    assert shapes == {"displacement": (3,), "velocity": (3,), "intact": (), "Z": (), "stress": (6,), "strain": (6,)}
+    vectors, tensors = dict.fromkeys(("displacement", "velocity"), (3,)), dict.fromkeys(("stress", "strain"), (6,))
+    assert shapes == vectors | tensors | dict.fromkeys(("damage", "intact", "Z", "von_mises"), ())
     assert content.point_data["stress"][:, [2, 4, 5]].max() == 0.0
+    np.testing.assert_allclose(content.point_data["damage"], 1.0 - content.point_data["intact"], atol=1e-7)
+    a, b, _, c, *_ = content.point_data["stress"].T.astype(float)
+    np.testing.assert_allclose(content.point_data["von_mises"], np.sqrt(a**2 - a * b + b**2 + 3 * c**2), rtol=1e-5)
+    named = [[arrays[name].get(f"ComponentName{k}") for k in range(6)] for name in ("stress", "displacement")]
+    assert named == [["xx", "yy", "zz", "xy", "yz", "xz"], ["x", "y", "z", None, None, None]]
+
+
+def test_frames_tell_which_material_is_where(tmp_path):
+    text = (EXAMPLES / "notched_part.toml").read_text()
+    scene = Scene.parse(text, EXAMPLES, ["time.until=2e-6", "output={frames=1, pictures=false}"])
+    run(scene, tmp_path)
+    content = meshio.read(tmp_path / "frame_0000.vtu")
+    mesh = cracked_mesh(scene)
+    expected = np.zeros(mesh.nelements, dtype=int)
+    expected[mesh.subdomains["inclusion"]] = 1
+    np.testing.assert_array_equal(content.cell_data["material"][0], expected)
+    assert Results.read(tmp_path).last.mesh.nelements == mesh.nelements
 
 
 # ---- the report

@@ -88,7 +88,7 @@ def test_frames_hold_what_paraview_wants(finished):
     assert frame.points.shape == (161, 3)
     assert [c.type for c in frame.cells] == ["triangle"]
     assert {name: data.shape for name, data in frame.point_data.items()} == {
-        "displacement": (161, 3), "velocity": (161, 3), "intact": (161,), "Z": (161,),
+        "displacement": (161, 3), "velocity": (161, 3), "damage": (161,), "intact": (161,), "Z": (161,),
     }  # fmt: skip
     sets = ET.parse(out / "frames.pvd").getroot().findall("./Collection/DataSet")
     assert [s.get("file") for s in sets] == ["frame_0000.vtu", "frame_0001.vtu"]

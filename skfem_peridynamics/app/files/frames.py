@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -11,7 +11,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from ..._files import remove
-from ..._types import Basis, Floats
+from ..._types import Basis, Floats, Ints
 from ..scene.units import KNOWN, UnitsTable
 from .vtu_writer import VtuWriter
 from .whole_files import write_whole
@@ -84,6 +84,8 @@ class Frames:
         Times of the frames that are there already and stay.
     units : UnitsTable, optional
         What each known field carries as its unit, in words.
+    cells : mapping of str to ndarray, (nelements,), optional
+        Numbers of the elements that all frames carry, such as that of the material.
 
     Raises
     ------
@@ -103,6 +105,7 @@ class Frames:
     basis: Basis
     times: list[float] = field(default_factory=list)
     units: UnitsTable = field(default_factory=UnitsTable)
+    cells: Mapping[str, Ints] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.folder = Path(self.folder)
@@ -110,7 +113,7 @@ class Frames:
         if not self.times:
             remove(self.folder / "frames.pvd")
         clear_frames(self.folder, len(self.times))
-        self._writer = VtuWriter(self.basis.mesh)
+        self._writer = VtuWriter(self.basis.mesh, self.cells)
 
     def write(self, t: float, **fields: Floats) -> Path:
         """Write one frame and return its path.

@@ -17,6 +17,7 @@ from ..._types import Mesh
 
 _KINDS = {"float32": "Float32", "float64": "Float64", "int32": "Int32", "uint8": "UInt8"}
 _CELLS = {1: 3, 2: 5, 3: 10}  # VTK's numbers of a line, a triangle and a tetrahedron
+_COMPONENTS = {3: ("x", "y", "z"), 6: ("xx", "yy", "zz", "xy", "yz", "xz")}
 _BLOCK = 1 << 16  # bytes that are packed together
 _LEVEL = 1  # of zlib: its fastest
 
@@ -30,8 +31,9 @@ class VtuWriter:
     (5, True)
     """
 
-    def __init__(self, mesh: Mesh) -> None:
+    def __init__(self, mesh: Mesh, cells: Mapping[str, npt.NDArray[Any]] | None = None) -> None:
         self.mesh = mesh
+        self.cells = {} if cells is None else cells  # fields (nelements,) that all frames share
 
     @cached_property
     def _head(self) -> str:
@@ -51,12 +53,21 @@ class VtuWriter:
     def frame(self, fields: Mapping[str, npt.NDArray[Any]], units: Mapping[str, str]) -> bytes:
         """Return the file of a frame: fields (nvertices,) or (nvertices, k), and the units of some."""
         arrays = (_array(name, values, units.get(name)) for name, values in fields.items())
-        return (self._head + "".join(arrays) + "</PointData>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>\n").encode()
+        return (self._head + "".join(arrays) + self._tail).encode()
+
+    @cached_property
+    def _tail(self) -> str:
+        cells = "".join(_array(name, values) for name, values in self.cells.items())
+        cells = f"<CellData>\n{cells}</CellData>\n" if cells else ""
+        return f"</PointData>\n{cells}</Piece>\n</UnstructuredGrid>\n</VTKFile>\n"
 
 
 def _array(name: str, values: npt.NDArray[Any], unit: str | None = None) -> str:
     """An array of numbers, packed, with its unit as the information key that VTK has for it."""
     width = f' NumberOfComponents="{values.shape[1]}"' if values.ndim > 1 else ""
+    if values.ndim > 1 and name != "connectivity":  # coordinates, and symmetric tensors
+        names = _COMPONENTS.get(values.shape[1], ())
+        width += "".join(f' ComponentName{k}="{one}"' for k, one in enumerate(names))
     key = '<InformationKey name="UNITS_LABEL" location="vtkDataArray">'
     note = "" if unit is None else f"{key}{escape(unit)}</InformationKey>\n"
     kind = _KINDS[values.dtype.name]

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from ..._types import Floats, Ints
+from ...analysis.stress import largest_principal
 from ..files.results import Snapshot
 from ..files.whole_files import write_whole
 from ..scene.units import UnitsTable
 from .body_pictures import in_reading, map_of
 from .figure import new_figure, save
-from .plot import SIX, largest_principal, von_mises
+from .plot import SIX
 
 _SHOWN = 0.05  # of the body's extent: displacements are drawn about so large
 _TORN = 1.0  # elements that the picture stretches by more than this are open cracks, and left out
@@ -77,14 +78,13 @@ def plot_deformed(path: Path, body: Snapshot, tip: tuple[float, float] | None, u
 
 def plot_stress(path: Path, body: Snapshot, units: UnitsTable) -> None:
     """Draw the von Mises and the largest principal stress of a body in 2D on its deformed shape."""
-    tensor = body.fields["stress"][:, SIX].reshape(-1, 3, 3)
+    drawn = {"largest principal stress": largest_principal(body.fields["stress"][:, SIX].reshape(-1, 3, 3)[:, :2, :2])}
+    if "von_mises" in body.fields:
+        drawn = {"von Mises stress": body.fields["von_mises"]} | drawn
     body, _ = in_reading(body, units)
-    figure, panels = _panels(body, 2)
+    figure, panels = _panels(body, len(drawn))
     scale = deformation_scale(body)
-    for axes, values, name in (
-        (panels[0], von_mises(tensor), "von Mises stress"),
-        (panels[1], largest_principal(tensor[:, :2, :2]), "largest principal stress"),
-    ):
+    for axes, (name, values) in zip(panels, drawn.items(), strict=True):
         # a few vertices at a tip do not take the colours of the rest
         low, high = (float(np.quantile(values, part)) for part in (0.005, 0.995))
         factor, unit = units.reading("stress", max(abs(low), abs(high)))
@@ -101,7 +101,7 @@ def _panels(body: Snapshot, count: int) -> tuple[Any, list[Any]]:
     across = _WIDE / (count if beside else 1)
     tall = across * high / wide
     figure = new_figure(_WIDE + 1.0, (1 if beside else count) * (tall + 0.75) + 0.6)
-    return figure, list(figure.subplots(*((1, count) if beside else (count, 1))))
+    return figure, list(figure.subplots(*((1, count) if beside else (count, 1)), squeeze=False).ravel())
 
 
 def colours(axes: Any, body: Snapshot, values: Floats, scale: float, **options: Any) -> Any:

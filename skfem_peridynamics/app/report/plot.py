@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._types import Floats, Mesh
+from ...analysis.stress import largest_principal, out_of_plane, von_mises
 from ...model.peridynamics import Peridynamics
 
 SIX = [0, 3, 5, 3, 1, 4, 5, 4, 2]  # of xx, yy, zz, xy, yz, xz, as frames have them
@@ -124,32 +125,18 @@ def field_of(body: Peridynamics | Mesh, u: Floats, of: str | npt.ArrayLike, fiel
 
 
 def _of_stress(body: Peridynamics | Mesh, u: Floats, of: str, fields: Mapping[str, Floats], dim: int) -> Floats:
+    if of == "von Mises" and "von_mises" in fields:
+        return np.asarray(fields["von_mises"], dtype=float)
     if "stress" in fields:
-        tensor = np.asarray(fields["stress"], dtype=float)[:, SIX].reshape(-1, 3, 3)
+        tensor = np.asarray(fields["stress"], dtype=float)[:, SIX].reshape(-1, 3, 3)[:, :dim, :dim]
+        across: float | None = None if dim == 2 and of == "von Mises" else 0.0
     else:
         from ...analysis.stress import stress
 
         assert isinstance(body, Peridynamics)
-        tensor = np.zeros((int(body.bonds.mesh.nvertices), 3, 3))
-        tensor[:, :dim, :dim] = stress(body, u)
-    return von_mises(tensor) if of == "von Mises" else largest_principal(tensor[:, :dim, :dim])
-
-
-def von_mises(stress: Floats) -> Floats:
-    """Return the von Mises stress of tensors (n, 3, 3), (n,).
-
-    >>> von_mises(np.diag([3.0, 0.0, 0.0])[None]).tolist()
-    [3.0]
-    """
-    mean = np.trace(stress, axis1=1, axis2=2) / 3.0
-    deviator = stress - mean[:, None, None] * np.eye(3)
-    return np.asarray(np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2))), dtype=float)
-
-
-def largest_principal(stress: Floats) -> Floats:
-    """Return the largest principal stress of tensors (n, dim, dim), (n,).
-
-    >>> largest_principal(np.array([[[0.0, 2.0], [2.0, 0.0]]])).tolist()
-    [2.0]
-    """
-    return np.asarray(np.linalg.eigvalsh(stress)[:, -1], dtype=float)
+        tensor, across = stress(body, u), out_of_plane(body.material, dim)
+    if of == "largest principal":
+        return largest_principal(tensor)
+    if across is None:
+        raise ValueError('of = "von Mises" needs one Poisson ratio in plane strain, or von_mises among the fields')
+    return von_mises(tensor, across)

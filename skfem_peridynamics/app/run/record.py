@@ -10,9 +10,12 @@ from math import ceil, floor
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..._clock import Clock
 from ...analysis.damage import Census, Damage
-from ...analysis.stress import strain, stress, voigt
+from ...analysis.stress import out_of_plane, strain, stress, voigt, von_mises
+from ...material.composite import Composite
 from ...solve.energy import Energies
 from ...solve.instability import Watch
 from ...solve.state import Equilibrium, State
@@ -108,7 +111,10 @@ class Record:
             raise OutputError(out, error) from error
         self.measures = measured
         self.history = History(out / "history.csv", columns(self.measures), () if earlier is None else earlier.rows)
-        self.frames = Frames(out, problem.basis, times, problem.scene.units) if output.frames else None
+        cells = {}
+        if output.frames and isinstance(problem.material, Composite):
+            cells["material"] = problem.material.member_of(problem.mesh).astype(np.int32)
+        self.frames = Frames(out, problem.basis, times, problem.scene.units, cells) if output.frames else None
         self.saved_step = 0 if earlier is None else earlier.state.step
         self.state: State | Equilibrium | None = None
         if earlier is not None:
@@ -158,9 +164,12 @@ class Record:
         assert self.frames is not None
         body, asked = self.problem.body, self.problem.scene.output.fields
         fields = {"displacement": state.u} | ({"velocity": state.v} if isinstance(state, State) else {})
-        fields |= {"intact": at_vertices.intact, "Z": at_vertices.Z}
+        fields |= {"damage": 1.0 - at_vertices.intact, "intact": at_vertices.intact, "Z": at_vertices.Z}
         if "stress" in asked:
-            fields["stress"] = voigt(stress(body, state.u))
+            tensors, across = stress(body, state.u), out_of_plane(self.problem.material, body.bonds.dim)
+            fields["stress"] = voigt(tensors)
+            if across is not None:
+                fields["von_mises"] = von_mises(tensors, across)
         if "strain" in asked:
             fields["strain"] = voigt(strain(self.problem.basis, state.u))
         self.frames.write(state.t, **fields)

@@ -13,6 +13,8 @@ _POWERS = {
     "velocity": (1, 0, -1),
     "stress": (-2, 1, 0),
     "strain": (0, 0, 0),
+    "von_mises": (-2, 1, 0),
+    "damage": (0, 0, 0),
     "intact": (0, 0, 0),
     "Z": (0, 0, 0),
     "length": (1, 0, 0),
