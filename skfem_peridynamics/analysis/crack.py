@@ -56,7 +56,24 @@ class CrackPath:
         return len(self.tips) > 0
 
 
-def crack_path(mesh: Mesh, intact: Floats, horizon: float, cracked: float = CRACKED) -> CrackPath:
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What a mesh says of all its cracks: tips of slits and points of the boundary, (dim, n), volumes of vertices."""
+
+    tips: Floats
+    rim: Floats
+    volume: Floats
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> Ground:
+        """Look at a mesh, once for all states of its body."""
+        rim = np.unique(mesh.facets[:, mesh.boundary_facets()])
+        return cls(mesh.p[:, slit_tips(mesh)], mesh.p[:, rim], vertex_volumes(mesh))
+
+
+def crack_path(
+    mesh: Mesh, intact: Floats, horizon: float, cracked: float = CRACKED, *, ground: Ground | None = None
+) -> CrackPath:
     """Follow the crack along the vertices that have lost the part ``cracked`` of their bonds.
 
     They are joined within a horizon, so that lengths are those of the crack and not of the edges of the mesh; tips are
@@ -73,6 +90,8 @@ def crack_path(mesh: Mesh, intact: Floats, horizon: float, cracked: float = CRAC
         The horizon of the bonds.
     cracked : float, optional
         The part of its bonds that a vertex of the crack has lost.
+    ground : Ground, optional
+        ``Ground.of(mesh)``, where cracks of one mesh are followed often.
 
     Returns
     -------
@@ -97,8 +116,8 @@ def crack_path(mesh: Mesh, intact: Floats, horizon: float, cracked: float = CRAC
         return CrackPath(np.zeros((0, dim)), np.zeros(0), 0.0, np.zeros(dim))
     x = mesh.p[:, cracked_vertices].T
     graph = _near(x, horizon)
-    far = _from(mesh.p[:, slit_tips(mesh)], x, horizon)
-    rim = _from(mesh.p[:, np.unique(mesh.facets[:, mesh.boundary_facets()])], x, horizon)
+    ground = Ground.of(mesh) if ground is None else ground
+    far, rim = _from(ground.tips, x, horizon), _from(ground.rim, x, horizon)
     count, piece = connected_components(graph, directed=False)
     found: list[tuple[bool, CrackPath]] = []
     for label in _largest(x, piece, count):
@@ -126,7 +145,7 @@ def crack_path(mesh: Mesh, intact: Floats, horizon: float, cracked: float = CRAC
         float(sum(path.length for path in paths)),
         main.direction,
         len(paths),
-        _crushed(mesh, damaged, horizon),
+        _crushed(mesh, ground.volume[damaged], damaged, horizon),
     )
 
 
@@ -149,15 +168,18 @@ def _beginning(x: Floats, graph: Csr, rim: Floats) -> Longs:
     return np.array(ends[:1], dtype=np.int64)
 
 
-def _crushed(mesh: Mesh, damaged: Bools, horizon: float) -> float:
-    """The part of the damaged volume that lies deep in it."""
+def _crushed(mesh: Mesh, volume: Floats, damaged: Bools, horizon: float) -> float:
+    """The part of the damaged ``volume`` that lies deep in it."""
     from scipy.spatial import cKDTree
 
-    if damaged.all():
+    inside, deep = mesh.p[:, damaged], _DEEP * horizon
+    low, high = inside.min(axis=1)[:, None] - 2.0 * deep, inside.max(axis=1)[:, None] + 2.0 * deep
+    near = ~damaged & ((mesh.p >= low) & (mesh.p <= high)).all(axis=0)
+    if not near.any():
         return 1.0
-    depth, _ = cKDTree(mesh.p[:, ~damaged].T).query(mesh.p[:, damaged].T)
-    volume = vertex_volumes(mesh)[damaged]
-    return float(volume[depth > _DEEP * horizon].sum() / volume.sum())
+    tree = cKDTree(mesh.p[:, near].T, balanced_tree=False, compact_nodes=False)  # made anew for a single question
+    gap, _ = tree.query(inside.T, distance_upper_bound=deep * (1.0 + 1e-12))  # infinite beyond
+    return float(volume[gap > deep].sum() / volume.sum())
 
 
 def _near(x: Floats, horizon: float) -> Csr:

@@ -30,7 +30,7 @@ from skfem_peridynamics.app.report.deformed_pictures import deformation_scale, m
 from skfem_peridynamics.app.report.figure import new_figure, save
 from skfem_peridynamics.app.report.run_page import page
 from skfem_peridynamics.app.report.run_pictures import draw
-from skfem_peridynamics.app.report.setup_picture import plot_setup
+from skfem_peridynamics.app.report.setup_picture import SetUp, plot_setup
 from skfem_peridynamics.app.scene.reading import SceneError
 from skfem_peridynamics.app.scene.toml_text import to_toml
 from skfem_peridynamics.app.scene.units import UnitsTable
@@ -750,7 +750,7 @@ def test_letters_are_read_on_a_phone(torn, monkeypatch):
 
     def pictures(phone):
         draw(results, course=True, phone=phone)
-        plot_setup(Path("setup.png"), scene, cracked_mesh(scene), phone=phone)
+        plot_setup(Path("setup.png"), SetUp.of(scene, cracked_mesh(scene)), phone=phone)
 
     for phone in (False, True):
         found = texts_of(monkeypatch, lambda phone=phone: pictures(phone))
@@ -801,7 +801,7 @@ def test_the_drawing_of_a_set_up_names_what_the_scene_says(monkeypatch):
     text = (EXAMPLES / "notched_part.toml").read_text()
     scene = Scene.parse(text, EXAMPLES)
     mesh = cracked_mesh(scene)
-    found = texts_of(monkeypatch, lambda: plot_setup(Path("setup.png"), scene, mesh))["setup.png"]
+    found = texts_of(monkeypatch, lambda: plot_setup(Path("setup.png"), SetUp.of(scene, mesh)))["setup.png"]
     words = {word for word, _ in found}
     for said in (
         "slit", "material inclusion", "held: bottom", "no-fail top", "traction (0, 5e6 * min(t / 10e-6, 1)) on top",
@@ -810,11 +810,17 @@ def test_the_drawing_of_a_set_up_names_what_the_scene_says(monkeypatch):
         assert said in words, said
     bar = Scene.parse(starter("bar"))
     words = {
-        word for word, _ in texts_of(monkeypatch, lambda: plot_setup(Path("b.png"), bar, cracked_mesh(bar)))["b.png"]
+        word
+        for word, _ in texts_of(monkeypatch, lambda: plot_setup(Path("b.png"), SetUp.of(bar, cracked_mesh(bar))))[
+            "b.png"
+        ]
     }
     assert "held: left" in words
     block = Scene.read(EXAMPLES / "block3d.toml", [("mesh.divisions", [12, 5, 4])])
     words = {
-        w for w, _ in texts_of(monkeypatch, lambda: plot_setup(Path("c.png"), block, cracked_mesh(block)))["c.png"]
+        w
+        for w, _ in texts_of(monkeypatch, lambda: plot_setup(Path("c.png"), SetUp.of(block, cracked_mesh(block))))[
+            "c.png"
+        ]
     }
     assert "slit" in words

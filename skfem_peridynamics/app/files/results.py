@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..._files import MB, read_regular
-from ..._types import Floats, Mesh
+from ..._types import Floats, Ints, Mesh
 from ..scene.reading import SceneError
 from ..scene.shown import MOST_OF_A_NAME, cut, named, shown
 from ..scene.units import UnitsTable
@@ -24,6 +24,8 @@ from ..scene.values import LARGEST
 
 # bytes: rows and frames of a scene have bounds, which are far below
 SUMMARY_MOST, HISTORY_MOST, LIST_MOST = 8 * MB, 512 * MB, 16 * MB
+
+_KEPT = 6  # frames that are not read again: those of a report
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +35,14 @@ class Snapshot:
     mesh: Mesh
     t: float
     fields: dict[str, Floats]
+    rim: Ints | None = None  # vertices of the facets of the boundary, where they are known
+
+    @property
+    def outline(self) -> Ints:
+        """The vertices of the facets of the boundary, (dim, n), faces of slits among them."""
+        if self.rim is not None:
+            return self.rim
+        return np.asarray(self.mesh.facets[:, self.mesh.boundary_facets()])
 
     @property
     def broken(self) -> Floats:
@@ -80,6 +90,22 @@ class Results:
         return UnitsTable(**given)
 
     @cached_property
+    def _kept(self) -> dict[int, Snapshot]:
+        return {}
+
+    @cached_property
+    def _outlines(self) -> dict[bytes, Ints]:
+        return {}
+
+    def _with_outline(self, mesh: Mesh, t: float, fields: dict[str, Floats]) -> Snapshot:
+        """A snapshot whose outline was found once for all frames of its mesh."""
+        key = mesh.t.tobytes()
+        if key not in self._outlines:
+            self._outlines.clear()
+            self._outlines[key] = Snapshot(mesh, t, fields).outline
+        return Snapshot(mesh, t, fields, self._outlines[key])
+
+    @cached_property
     def last(self) -> Snapshot | None:
         """The last frame, or None where there is none."""
         return self.snapshot(len(self.frames) - 1) if self.frames else None
@@ -87,8 +113,13 @@ class Results:
     def snapshot(self, number: int) -> Snapshot:
         """Read a frame. Raises :class:`SceneError` for a file that is none."""
         t, path = self.frames[number]
+        if number in self._kept:
+            return self._kept[number]
         try:
-            return Snapshot(*_body(path, t))
+            shot = self._with_outline(*_body(path, t))
+            if len(self._kept) < _KEPT:
+                self._kept[number] = shot
+            return shot
         except (Exception, SystemExit) as error:  # whatever a reader of a damaged file may raise
             raise SceneError(f"frame {named(path)} cannot be read: {error}") from None
 

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from ..._types import Floats
-from ...analysis.crack import CrackPath, crack_path
+from ...analysis.crack import CrackPath, Ground, crack_path
 from ...analysis.damage import Census
 from ...analysis.j_integral import j_integral
 from ...geometry.locate import locate
@@ -75,6 +75,7 @@ class CrackTrack:
         tip = (f"tip_{a}" for a in _AXES[: self.dim])
         self.columns = ("crack_reach", "crack_area", *branches, *tip, "cracks", "crushed")
         self._last: tuple[float, CrackPath] | None = None
+        self._ground: Ground | None = None
         self._most: tuple[float, ...] = (0.0,) * (3 if self.dim == 2 else 2)
 
     def resume(self, rows: Sequence[tuple[float, ...]]) -> None:
@@ -92,7 +93,10 @@ class CrackTrack:
         """The crack at a state, followed once."""
         if self._last is None or self._last[0] != state.t:
             intact = self.problem.intact(count)
-            self._last = state.t, crack_path(self.problem.mesh, intact, self.problem.scene.bonds.horizon)
+            if self._ground is None:
+                self._ground = Ground.of(self.problem.mesh)
+            horizon = self.problem.scene.bonds.horizon
+            self._last = state.t, crack_path(self.problem.mesh, intact, horizon, ground=self._ground)
         return self._last[1]
 
     def read(self, state: Moment, count: Census) -> tuple[float, ...]:

@@ -51,7 +51,7 @@ def in_reading(body: Snapshot, units: UnitsTable) -> tuple[Snapshot, str]:
     if factor == 1.0:
         return body, unit
     fields = body.fields | {"displacement": factor * body.fields["displacement"]}
-    return Snapshot(type(mesh)(factor * mesh.p, mesh.t), body.t, fields), unit
+    return Snapshot(type(mesh)(factor * mesh.p, mesh.t), body.t, fields, body.outline), unit
 
 
 def _axis(name: str, unit: str) -> str:
@@ -81,11 +81,10 @@ def map_of(axes: Any, body: Snapshot) -> Any:
     shades = axes.tripcolor(
         p[0], p[1], mesh.t.T, body.broken, shading="gouraud", cmap=_COLOURS, vmin=0, vmax=1, rasterized=True
     )
-    rim = mesh.boundary_facets()
-    if len(rim) < _EDGES:
-        axes.add_collection(
-            LineCollection(np.moveaxis(p[:, mesh.facets[:, rim]], 0, 2).swapaxes(0, 1), color="0.25", lw=0.7)
-        )
+    shades.set_in_layout(False)  # it would be made a path a triangle to be measured
+    rim = body.outline
+    if rim.shape[1] < _EDGES:
+        axes.add_collection(LineCollection(np.moveaxis(p[:, rim], 0, 2).swapaxes(0, 1), color="0.25", lw=0.7))
     axes.set_aspect("equal")
     axes.spines[:].set_visible(False)
     low, high = p.min(axis=1), p.max(axis=1)

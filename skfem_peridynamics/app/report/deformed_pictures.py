@@ -108,6 +108,7 @@ def colours(axes: Any, body: Snapshot, values: Floats, scale: float, **options: 
     """Draw numbers at the vertices of a body in 2D on its deformed shape; return what a colour bar is of."""
     p, t = moved(body, scale)
     shades = axes.tripcolor(p[0], p[1], t.T, values, shading="gouraud", rasterized=True, **options)
+    shades.set_in_layout(False)  # it would be made a path a triangle to be measured
     axes.set_aspect("equal")
     axes.spines[:].set_visible(False)
     return shades

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import tempfile
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -24,7 +24,7 @@ from ..scene.toml_text import to_toml
 from .headline import known, number, verdict
 from .page_style import STYLE
 from .run_pictures import draw
-from .setup_picture import plot_setup
+from .setup_picture import SetUp, plot_setup
 
 _CAPTIONS = {
     "damage.png": "Where bonds have softened at the end of the run: pale is whole, dark is torn.",
@@ -41,24 +41,38 @@ _CAPTIONS = {
 Pictures: TypeAlias = Mapping[str, tuple[str, str]]
 
 
-def write_report(folder: Path, last: Snapshot | None = None, setup: tuple[Scene, Mesh] | None = None) -> Path:
+def write_report(folder: Path, pictures: Pictures | None = None) -> Path:
     """Write ``report.html`` from the files of a run, and return its path. Raises :class:`SceneError` without a run.
 
-    ``setup`` is the scene and its mesh, where they are at hand; the scene of a box is made again where they are not.
+    ``pictures`` are those of :func:`pictures_of`, where they have been drawn already.
     """
     results = Results.read(folder)
+    path = folder / "report.html"
+    write_whole(path, page(results, pictures_of(results) if pictures is None else pictures))
+    return path
+
+
+def pictures_of(
+    results: Results, last: Snapshot | None = None, setup: tuple[Scene, Mesh] | None = None, there: Sequence[str] = ()
+) -> Pictures:
+    """Draw the pictures of a report, for wide screens and for phones; those ``there`` are taken from the folder.
+
+    ``last`` is the last state, by default the last frame; ``setup`` the scene and its mesh, where they are at hand: the
+    scene of a box is made again where they are not.
+    """
     setup = _setup(results) if setup is None else setup
-    sets = []
+    drawn = None if setup is None else SetUp.of(*setup)
+    sets: list[dict[str, str]] = []
     for phone in (False, True):
         with tempfile.TemporaryDirectory() as room:
-            names = draw(results, Path(room), last, course=True, phone=phone)
-            if setup is not None:
-                plot_setup(Path(room) / "setup.png", *setup, phone=phone)
+            skipped = () if phone else tuple(there)
+            names = draw(results, Path(room), last, course=True, phone=phone, without=skipped)
+            if drawn is not None:
+                plot_setup(Path(room) / "setup.png", drawn, phone=phone)
                 names.append("setup.png")
-            sets.append({name: base64.b64encode((Path(room) / name).read_bytes()).decode() for name in names})
-    path = folder / "report.html"
-    write_whole(path, page(results, {name: (wide, sets[1][name]) for name, wide in sets[0].items()}))
-    return path
+            files = [*(Path(room) / name for name in names), *(results.folder / name for name in skipped)]
+            sets.append({file.name: base64.b64encode(file.read_bytes()).decode() for file in files})
+    return {name: (wide, sets[1][name]) for name, wide in sets[0].items()}
 
 
 def _setup(results: Results) -> tuple[Scene, Mesh] | None:

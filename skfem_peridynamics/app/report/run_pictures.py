@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,44 +26,43 @@ def draw(
     *,
     course: bool = False,
     phone: bool = False,
+    without: Sequence[str] = (),
 ) -> list[str]:
     """Draw what there is to be drawn of a run into a folder (its own); return the names.
 
     ``last`` is its last state, by default the last frame. The ``course`` takes several frames, and what only frames
-    have; for a ``phone`` letters are larger.
+    have; for a ``phone`` letters are larger. Those ``without`` are not drawn.
     """
     with own_style(phone):
-        return _drawn(results, results.folder if out is None else out, last, course)
+        return _drawn(results, results.folder if out is None else out, last, course, without)
 
 
-def _drawn(results: Results, out: Path, last: Snapshot | None, course: bool) -> list[str]:
+def _drawn(results: Results, out: Path, last: Snapshot | None, course: bool, without: Sequence[str]) -> list[str]:
     units, history, title = results.units, results.history, results.title
     last = results.last if last is None else last
     dim = 2 if last is None else int(last.mesh.dim())
-    names = []
+    shots: dict[str, Callable[[Path], None]] = {}
     if last is not None:
-        plot_damage(out / "damage.png", last, title, units)
-        names.append("damage.png")
+        shots["damage.png"] = lambda path: plot_damage(path, last, title, units)
         if course and dim == 2:
             tips = [history.get(name, np.array([np.nan]))[-1] for name in ("tip_x", "tip_y")]
-            plot_deformed(out / "deformed.png", last, (float(tips[0]), float(tips[1])), units)
-            names.append("deformed.png")
-    if course and dim == 2 and results.last is not None and "stress" in results.last.fields:
-        plot_stress(out / "stress.png", results.last, units)
-        names.append("stress.png")
+            shots["deformed.png"] = lambda path: plot_deformed(path, last, (float(tips[0]), float(tips[1])), units)
+    stressed = results.last if course and dim == 2 else None
+    if stressed is not None and "stress" in stressed.fields:
+        shots["stress.png"] = lambda path: plot_stress(path, stressed, units)
     chosen = _spread(len(results.frames)) if course else []
     if dim == 2 and len(chosen) > 1:
-        plot_course(out / "course.png", [results.snapshot(k) for k in chosen], units)
-        names.append("course.png")
+        shots["course.png"] = lambda path: plot_course(path, [results.snapshot(k) for k in chosen], units)
     if len(history.get("t", ())) > 1:
-        plot_energies(out / "energies.png", history, title, units, dim)
-        names.append("energies.png")
+        shots["energies.png"] = lambda path: plot_energies(path, history, title, units, dim)
         if "crack_reach" in history and history["crack_reach"].max() > 0.0:
-            plot_crack(out / "crack.png", history, known(results, "rayleigh_speed"), units)
-            names.append("crack.png")
+            shots["crack.png"] = lambda path: plot_crack(path, history, known(results, "rayleigh_speed"), units)
         if groups(history):
-            plot_measures(out / "measures.png", history, known(results, "toughness"), units, dim)
-            names.append("measures.png")
+            toughness = known(results, "toughness")
+            shots["measures.png"] = lambda path: plot_measures(path, history, toughness, units, dim)
+    names = [name for name in shots if name not in without]
+    for name in names:
+        shots[name](out / name)
     return names
 
 

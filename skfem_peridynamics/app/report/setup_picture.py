@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..._types import Floats, Longs, Mesh
+from ..._types import Floats, Ints, Longs, Mesh
 from ..problem.domain import tag, vertices
 from ..scene.formula import Formula
 from ..scene.scene import LoadTable, Scene, Where
@@ -20,13 +21,33 @@ _MARKS = 400  # of a set at most: beyond they run into each other
 _ARROW = 0.12  # of the body's extent
 
 
-def plot_setup(path: Path, scene: Scene, mesh: Mesh, *, phone: bool = False) -> None:
-    """Draw a scene on its mesh, slits and named groups among it; for a ``phone`` with larger letters."""
+@dataclass(frozen=True, eq=False)
+class SetUp:
+    """What is drawn of a scene on its mesh: sets of vertices with their names and marks, facets (dim, n) of its rim
+    and of its slits.
+    """
+
+    scene: Scene
+    mesh: Mesh
+    sets: list[tuple[str, Longs, dict[str, Any]]]
+    rim: Ints
+    slit: Ints
+
+    @classmethod
+    def of(cls, scene: Scene, mesh: Mesh) -> SetUp:
+        """Look for what a scene says; slits and named groups are in the mesh."""
+        rim, slit = (mesh.facets[:, facets] for facets in (mesh.boundary_facets(), inner_faces(mesh)))
+        return cls(scene, mesh, list(_sets(scene, mesh)), rim, slit)
+
+
+def plot_setup(path: Path, setup: SetUp, *, phone: bool = False) -> None:
+    """Draw a set-up; for a ``phone`` with larger letters."""
     with own_style(phone):
-        _plot(path, scene, mesh, 1 if phone else 2)
+        _plot(path, setup, 1 if phone else 2)
 
 
-def _plot(path: Path, scene: Scene, mesh: Mesh, columns: int) -> None:
+def _plot(path: Path, setup: SetUp, columns: int) -> None:
+    scene, mesh = setup.scene, setup.mesh
     dim = int(mesh.dim())
     factor, unit = scene.units.reading("length", float(np.abs(mesh.p).max()))
     p = factor * mesh.p
@@ -37,13 +58,15 @@ def _plot(path: Path, scene: Scene, mesh: Mesh, columns: int) -> None:
     figure = new_figure(_WIDE + 0.6, min(max(high, 1.0), 8.0) + 1.5) if dim < 3 else new_figure(6.6, 5.4)
     axes = figure.add_subplot(projection="3d") if dim == 3 else figure.add_subplot()
     places = p if dim == 3 else flat
-    _body(axes, scene, mesh, places)
-    for name, chosen, style in _sets(scene, mesh):
+    _body(axes, setup, places)
+    for name, chosen, style in setup.sets:
         some = chosen[:: max(1, len(chosen) // _MARKS)]
         axes.plot(*places[:, some], linestyle="none", label=name, **style)
     if dim < 3:
+        acted = [chosen for name, chosen, _ in setup.sets if name.startswith("traction")]
         for table in scene.load:
-            _arrow(axes, scene, table, mesh, places, float(extent.max()))
+            on = np.arange(mesh.nvertices) if table.on is None else acted.pop(0)
+            _arrow(axes, scene.time.until * np.linspace(0.0, 1.0, 5), table, mesh, on, places, float(extent.max()))
     for k, probe in enumerate(scene.probe):
         at = np.zeros(len(places))
         at[: len(probe.at)] = factor * np.asarray(probe.at)
@@ -62,8 +85,9 @@ def _plot(path: Path, scene: Scene, mesh: Mesh, columns: int) -> None:
     save(figure, path)
 
 
-def _body(axes: Any, scene: Scene, mesh: Mesh, p: Floats) -> None:
+def _body(axes: Any, setup: SetUp, p: Floats) -> None:
     """Outline, slits and materials."""
+    scene, mesh = setup.scene, setup.mesh
     dim = int(mesh.dim())
     if dim == 1:
         axes.plot(p[0], p[1], color="0.3", linewidth=6, solid_capstyle="butt", alpha=0.5)
@@ -78,12 +102,13 @@ def _body(axes: Any, scene: Scene, mesh: Mesh, p: Floats) -> None:
         for k, name in enumerate(names):
             which = mesh.t[:, (mesh.subdomains or {})[name]]
             colour = f"C{k + 4}"
-            axes.tripcolor(p[0], p[1], which.T, np.ones(len(which.T)), cmap=_one_colour(colour), rasterized=True)
+            one = {"cmap": _one_colour(colour), "shading": "gouraud", "rasterized": True}
+            axes.tripcolor(p[0], p[1], which.T, np.zeros(mesh.nvertices), **one).set_in_layout(False)
             axes.fill([], [], color=colour, alpha=0.6, label=f"material {name}")
-        for facets, colour, width in ((mesh.boundary_facets(), "0.3", 0.8), (inner_faces(mesh), "k", 2.4)):
-            ends: Any = np.moveaxis(p[:, mesh.facets[:, facets]], 0, 2).swapaxes(0, 1)
+        for facets, colour, width in ((setup.rim, "0.3", 0.8), (setup.slit, "k", 2.4)):
+            ends: Any = np.moveaxis(p[:, facets], 0, 2).swapaxes(0, 1)
             axes.add_collection(LineCollection(ends, color=colour, lw=width))
-        if len(inner_faces(mesh)):
+        if setup.slit.size:
             axes.plot([], [], color="k", lw=2.4, label="slit")
         return
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
@@ -97,9 +122,8 @@ def _body(axes: Any, scene: Scene, mesh: Mesh, p: Floats) -> None:
             for k, side in zip(others, corner, strict=True):
                 line[k] = (low[k], top[k])[side]
             axes.plot(*line, color="0.6", linewidth=0.8)
-    slit = inner_faces(mesh)
-    if len(slit):
-        faces = np.moveaxis(p[:, mesh.facets[:, slit]], 0, 2).swapaxes(0, 1)
+    if setup.slit.size:
+        faces = np.moveaxis(p[:, setup.slit], 0, 2).swapaxes(0, 1)
         axes.add_collection3d(Poly3DCollection(faces, facecolor="0.3", edgecolor="none", alpha=0.7))
         axes.plot([], [], [], color="0.3", lw=5, label="slit")
 
@@ -147,14 +171,11 @@ def _where(table: Where) -> str:
     return f"region {table.region}" if table.region is not None else "where a formula says"
 
 
-def _arrow(axes: Any, scene: Scene, table: LoadTable, mesh: Mesh, p: Floats, extent: float) -> None:
+def _arrow(axes: Any, times: Floats, table: LoadTable, mesh: Mesh, chosen: Longs, p: Floats, extent: float) -> None:
     """An arrow along the mean of a load, in the midst of where it acts, at the time when it is the largest of some."""
-    on = None if table.on is None else vertices(mesh, Where(on=table.on, width=table.layer), "load")
-    chosen = np.arange(mesh.nvertices) if on is None else on
     vector = table.body if table.body is not None else table.traction
     assert vector is not None
     x = mesh.p[:, chosen]
-    times = scene.time.until * np.linspace(0.0, 1.0, 5)
     means = np.array([[float(np.mean(np.broadcast_to(f(x, t), x.shape[1:]))) for f in vector] for t in times])
     mean = np.zeros(2)
     mean[: min(2, len(vector))] = means[np.linalg.norm(means, axis=1).argmax()][:2]

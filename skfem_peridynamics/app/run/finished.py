@@ -11,7 +11,6 @@ from typing import Any, overload
 
 from ..._types import Floats
 from ..files.results import Results, Snapshot
-from ..report.figure import own_style
 from ..report.headline import verdict
 
 
@@ -130,9 +129,7 @@ class FinishedRun(dict[str, Any]):
         """
         from ..report.run_page import write_report
 
-        with own_style():
-            write_report(self.folder, None)
-        return self.folder / "report.html"
+        return write_report(self.folder)
 
     def _repr_html_(self) -> str:
         """A table for notebooks, under what came out."""

@@ -25,7 +25,7 @@ from ..problem.measures import Measure, measures
 from ..problem.problem import Problem
 from ..problem.states import remarks, states
 from ..report import figure
-from ..report.run_page import write_report
+from ..report.run_page import pictures_of, write_report
 from ..report.run_pictures import draw
 from ..scene.formula import FormulaError
 from ..scene.reading import Mistakes, SceneError
@@ -136,7 +136,7 @@ def run(
                 earlier |= _estimated(problem, clock)
                 write_summary(out / "summary.json", earlier)
             if with_report:
-                write_report(out, None)
+                write_report(out)
             return FinishedRun(out, earlier)
         if earlier is not None:
             problem = restore(earlier, problem, clock, watch)
@@ -178,20 +178,25 @@ def run(
             checkpoint.remove(out)
             if signals.asked:
                 raise signals.stop(signals.when)
+            there: list[str] = []
             if pictures:
                 with clock.phase("output"):
-                    draw(_results(record, summary, run_identity["scene"]), last=_snapshot(record))
+                    there = draw(_results(record, summary, run_identity["scene"]), last=_snapshot(record))
+            of_report = None
+            if with_report:
+                with clock.phase("output"):
+                    of_report = pictures_of(Results.read(out), _snapshot(record), (scene, problem.mesh), there)
             if with_estimate:
                 summary |= _estimated(problem, clock)
-            if pictures or with_estimate:
+            if pictures or with_estimate or with_report:
                 summary |= summary_after(record, clock, prepared.resumed)
                 _write_summary(out, summary | {"notes": notes, "run": run_identity})
         except (UnstableRun, NotConverged):  # a run that has come to an end of its own has something to report
             if with_report:
-                write_report(out, _snapshot(record), (scene, problem.mesh))
+                write_report(out, pictures_of(Results.read(out), _snapshot(record), (scene, problem.mesh)))
             raise
         if with_report:
-            write_report(out, _snapshot(record), (scene, problem.mesh))
+            write_report(out, of_report)
         return FinishedRun(out, summary | {"notes": notes, "run": run_identity})
 
 
