@@ -6,7 +6,7 @@ import pytest
 import skfem_peridynamics as peri
 from bodies import at_vertices, body_on, box, grid, vector_basis
 from skfem_peridynamics import BallRule, Breaking, Crack, Exponential, PairRule, slit
-from skfem_peridynamics.analysis.crack import _crushed, crack_path, speeds
+from skfem_peridynamics.analysis.crack import Ground, _crushed, crack_path, speeds
 from skfem_peridynamics.analysis.j_integral import j_integral
 from skfem_peridynamics.analysis.stress import strain, stress, voigt
 from skfem_peridynamics.geometry.slit_tips import slit_tips
@@ -107,8 +107,25 @@ def test_area_of_a_crack_by_its_bonds(compiled):
 
 def test_a_body_that_is_damaged_all_over_is_all_crushed():
     mesh = grid((1, 8), (1, 8))
-    assert _crushed(mesh, np.ones(mesh.nvertices, dtype=bool), 0.2) == 1.0
-    assert _crushed(mesh, mesh.p[0] < 0.1, 0.2) == 0.0
+    volume = np.arange(1.0, mesh.nvertices + 1.0)
+    assert _crushed(mesh, volume, np.ones(mesh.nvertices, dtype=bool), 0.2) == 1.0
+    strip = mesh.p[0] < 0.1
+    assert _crushed(mesh, volume[strip], strip, 0.2) == 0.0
+    # a block: what is farther than 0.15 from all that is whole, by all distances
+    block = (mesh.p < 0.8).all(axis=0)
+    gap = np.linalg.norm(mesh.p[:, block][:, :, None] - mesh.p[:, ~block][:, None, :], axis=0).min(axis=1)
+    assert 0.1 < (gap > 0.15).mean() < 0.9
+    expected = volume[block][gap > 0.15].sum() / volume[block].sum()
+    assert _crushed(mesh, volume[block], block, 0.2) == pytest.approx(expected, rel=1e-14)
+
+
+def test_the_ground_of_a_mesh_changes_nothing():
+    mesh = slit(grid((1, 40), (1, 40)), Crack([[0.0, 0.5], [0.4, 0.5]]))
+    intact = 1.0 - 0.45 * ((abs(mesh.p[1] - 0.5) < 0.03) & (mesh.p[0] > 0.38) & (mesh.p[0] < 0.8))
+    one, other = (crack_path(mesh, intact, EPS, ground=ground) for ground in (None, Ground.of(mesh)))
+    assert one.found
+    assert (one.length, one.cracks, one.crushed) == (other.length, other.cracks, other.crushed)
+    np.testing.assert_array_equal(one.tips, other.tips)
 
 
 # ---- J
