@@ -142,3 +142,10 @@ def test_a_wave_without_end_does_not_move(dim):
         at, near = _angular(np.array([0.0, 1e-4]), dim, wave)
         assert abs(at) < 1e-14  # 1.4e-15 was seen
         assert abs(near) < 1e-7
+
+
+@pytest.mark.parametrize(("dim", "wave"), [(1, "P"), (2, "P"), (2, "S"), (3, "P"), (3, "S")])
+def test_what_does_not_vary_in_space_does_not_vary_in_time(dim, wave):
+    """Round-off of the root of a sum that is zero: 2e-8 of the frequencies of the horizon."""
+    options = {"dim": dim, "horizon": 0.5, "slope": 2.0, "density": 1.0, "wave": wave}
+    assert float(dispersion(0.0, **options)) < 1e-7 * float(dispersion(2 * np.pi, **options))

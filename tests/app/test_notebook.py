@@ -4,6 +4,7 @@ import csv
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -196,9 +197,18 @@ def test_a_sweep_goes_on_where_it_was(tmp_path):
         table = list(csv.DictReader(file))
     assert [row["bonds.horizon"] for row in table] == ["0.3", "0.3", "0.4", "0.4"]
     assert table[0]["nodes"] == "85"
-    before = (tmp_path / "out" / "0000" / "history.csv").stat().st_mtime_ns
-    peri.sweep(tables, tmp_path / "out", {"bonds.horizon": [0.3], "load": [[]]})
-    assert (tmp_path / "out" / "0000" / "history.csv").stat().st_mtime_ns == before
+    first = Path(rows[0]["folder"])
+    assert first.name.startswith("horizon=0.3_load=_")
+    before = (first / "history.csv").stat().st_mtime_ns
+    # other values first: each is found by its own
+    again = peri.sweep(tables, tmp_path / "out", {"bonds.horizon": [0.5, 0.3], "load": [[]]}, columns=["bonds"])
+    assert [row["mistake"] for row in again] == ["", ""]
+    assert again[0]["bonds"] > again[1]["bonds"]
+    assert again[1]["folder"] == rows[0]["folder"]
+    assert (first / "history.csv").stat().st_mtime_ns == before
+    # another scene is not taken for this one
+    changed = peri.sweep(tables | {"time": {"until": 0.5}}, tmp_path / "out", {"bonds.horizon": [0.3], "load": [[]]})
+    assert "another" in changed[0]["mistake"]
     scene = tmp_path / "scene.toml"
     scene.write_text(json.dumps({}))
     for bad, said in (

@@ -301,6 +301,31 @@ def test_the_entries_of_a_stiffness_are_counted_by_its_bonds():
     assert entries == body.stiffness().nnz - 4 * body.bonds.mesh.nvertices + 6 * along
 
 
+def test_a_step_that_is_too_long_goes_back_to_the_lowest_point_of_its_parabola():
+    """``-x + x^2 / 0.6`` is lowest at 0.3: found from the values at 0 and 1 and the slope."""
+
+    class Valley:
+        free = np.array([0])
+
+        def value(self, u):
+            return float(-u[0] + u[0] ** 2 / 0.6), 1.0
+
+        def gradient(self, u):
+            return -1.0 + u / 0.3, np.ones(3)
+
+    effort = Effort()
+    u, *_ = _search(Valley(), np.zeros(1), np.ones(1), -1.0, 0.0, 0.0, False, np.inf, effort)
+    assert u[0] == pytest.approx(0.3, rel=1e-14)
+    assert effort.evaluations == 2
+
+
+def test_forces_are_compared_as_they_are_over_stiffness_and_over_its_root():
+    body = body_on(box(1, 2), 0.9)
+    force, stiffness = np.array([3.0, 8.0, 0.0]), np.array([9.0, 4.0, 1.0])
+    found = Objective(body, np.arange(3), stiffness)._sizes(force, stiffness)
+    np.testing.assert_allclose(found, [np.sqrt(73.0), np.sqrt(1.0 + 16.0), np.sqrt(1.0 / 9.0 + 4.0)])
+
+
 def test_a_direction_of_negative_curvature_goes_down():
     """An indefinite matrix by hand: from the first direction, and after some that are not."""
     from scipy.sparse.linalg import aslinearoperator

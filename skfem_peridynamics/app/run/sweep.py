@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import itertools
+import json
+import re
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -30,8 +33,9 @@ def sweep(
 ) -> list[dict[str, Any]]:
     """Run a scene for all combinations of some values of its keys; return the table, a row a run.
 
-    Each run has a folder of its own under ``out``, and ``out/sweep.csv`` is the table. Called again, it goes on: runs
-    that have finished are not made again. A run that fails has a row that says why, and the others go on.
+    Each run has a folder of its own under ``out``, named by its values, and ``out/sweep.csv`` is the table. Called
+    again, it goes on: runs that have finished are not made again. A run that fails has a row that says why, and the
+    others go on.
 
     Parameters
     ----------
@@ -75,10 +79,10 @@ def sweep(
     if not processes >= 1:
         raise SceneError(f"processes = {processes} must be 1 or more")
     out, jobs = Path(out), []
-    for number, values in enumerate(itertools.product(*over.values())):
+    for values in itertools.product(*over.values()):
         changes = [(key, _plain(value)) for key, value in zip(over, values, strict=True)]
         _ = _scene(scene, changes)
-        jobs.append((scene, changes, out / f"{number:04d}"))
+        jobs.append((scene, changes, out / _name(changes)))
     out.mkdir(parents=True, exist_ok=True)
     if processes == 1:
         ends = [_one(job) for job in jobs]
@@ -103,6 +107,13 @@ def _one(job: tuple[Any, list[tuple[str, Any]], Path]) -> tuple[dict[str, Any], 
         return dict(run(_scene(scene, changes), folder)), ""
     except (ValueError, RuntimeError) as error:  # mistakes, and runs that have become unstable or found no equilibrium
         return {}, " ".join(str(error).split())
+
+
+def _name(changes: list[tuple[str, Any]]) -> str:
+    """The name of a folder: the values, as far as they can be read in one, and what tells them from all others."""
+    said = "_".join(f"{path.rpartition('.')[2]}={value}" for path, value in changes)
+    mark = hashlib.sha256(json.dumps(changes, default=str).encode()).hexdigest()[:8]
+    return f"{re.sub(r'[^A-Za-z0-9.=_+-]+', '', said)[:60]}_{mark}".lstrip(".")
 
 
 def _plain(value: Any) -> Any:
