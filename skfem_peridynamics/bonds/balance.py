@@ -21,8 +21,7 @@ import numpy as np
 from .._compile import available
 from .._types import Bools, Floats
 from .bond_list import Balance, BondList
-from .facet_targets import facet_targets
-from .moment_targets import Targets, moment_targets
+from .moment_targets import Targets
 from .moments import Moments
 from .pair_bonds import PairBonds
 from .pair_moments import PairMoments
@@ -46,17 +45,34 @@ def balance(bonds: BondList, exact: bool = False) -> Balance:
     """
     if not bonds.rule.symmetric:
         raise ValueError(f"rule = {bonds.rule.name}: a one-sided rule needs no balance, and its weights have none")
-    dim, exact = bonds.dim, exact or bonds.dim == 1
-    pairs = bonds.samples.at_vertices and all(isinstance(part, PairBonds) for part in bonds.parts)
-    four = dim < 3 and bonds.nbonds >= _ENOUGH * bonds.mesh.nvertices * _COLUMNS[dim]
-    moments = PairMoments(bonds, four) if pairs and dim > 1 and available() else Moments(bonds, four)
-    by_facets = pairs and dim > 1 and bonds.vertex_weight is None
-    targets = facet_targets(bonds, four) if by_facets else moment_targets(bonds)
+    four = enough_for_four(bonds, bonds.nbonds, int(bonds.mesh.nvertices))
+    return balance_of(kind_of_moments(bonds)(bonds, four), exact)
+
+
+def kind_of_moments(bonds: BondList) -> type[Moments]:
+    """Return compiled loops for vertex pairs, sparse products for all else."""
+    return PairMoments if _are_pairs(bonds) and bonds.dim > 1 and available() else Moments
+
+
+def enough_for_four(bonds: BondList, nbonds: int, nvertices: int) -> bool:
+    """Return whether a body has bonds enough for moments of order four as well."""
+    return bonds.dim < 3 and nbonds >= _ENOUGH * nvertices * _COLUMNS[bonds.dim]
+
+
+def _are_pairs(bonds: BondList) -> bool:
+    return bonds.samples.at_vertices and all(isinstance(part, PairBonds) for part in bonds.parts)
+
+
+def balance_of(moments: Moments, exact: bool = False) -> Balance:
+    """Return balanced weights of bonds by their moments; of a rank's bonds where the body is dealt out over ranks."""
+    bonds = moments.bonds
+    dim, exact, pairs = bonds.dim, exact or bonds.dim == 1, _are_pairs(bonds)
+    targets = moments.targets(pairs and dim > 1 and bonds.vertex_weight is None)
     target = targets.values[moments.vertex][:, : moments.columns] * moments.roots
     near = targets.near_boundary[moments.vertex]
     weights = moments.own_weights()
     now = moments.moments(weights)
-    largest = float(np.abs(now / moments.roots).max(initial=0.0))
+    largest = moments.largest(float(np.abs(now / moments.roots).max(initial=0.0)))
     if not largest > 0.0:
         raise ValueError("no bond has any measure: there is nothing to balance")
     sampled = moments.degree(weights) > 0.0
@@ -70,22 +86,23 @@ def balance(bonds: BondList, exact: bool = False) -> Balance:
         new = [w * ratio_of(s) for w, s in zip(new, moments.gathered(y), strict=True)]
         now = moments.moments(new)
     ratios = _ratios(new, weights)
-    if exact or not _within(ratios):
-        new = new if _within(ratios) else weights
-        new, taken = _exactly(bonds, type(moments), new, target, rows & ~near[:, None], largest)
+    if exact or not _within(moments, ratios):
+        new = new if _within(moments, ratios) else weights
+        new, taken = _exactly(moments, new, target, rows & ~near[:, None], largest)
         count += taken
         ratios, now = _ratios(new, weights), moments.moments(new)
-    if not _within(ratios):  # no positive weights near the rule's do it: leave them alone
+    if not _within(moments, ratios):  # no positive weights near the rule's do it: leave them alone
         new, ratios, now = weights, [np.ones_like(w) for w in weights], moments.moments(weights)
     left = np.abs((target - now) * sampled[:, None] / moments.roots)[:, : moments.three].max(axis=1) / largest
     met = np.where(near | (not exact), _MET, _MET_EXACTLY)
+    square, nbonds = sum(float(((x - 1.0) ** 2).sum()) for x in ratios), sum(map(len, ratios))
     return Balance(
         new,
         np.sort(moments.vertex[left > met]),
-        float(left[~near].max(initial=0.0)),
-        float(left.max()),
-        float(min(x.min(initial=1.0) for x in ratios)),
-        float(np.sqrt(sum(float(((x - 1.0) ** 2).sum()) for x in ratios) / bonds.nbonds)),
+        moments.largest(float(left[~near].max(initial=0.0))),
+        moments.largest(float(left.max(initial=0.0))),
+        -moments.largest(-float(min((x.min(initial=1.0) for x in ratios), default=1.0))),
+        float(np.sqrt(moments.total(square) / moments.total(float(nbonds)))),
         count,
     )
 
@@ -117,33 +134,28 @@ def _solve(
 
     y, r = np.zeros_like(right), right * rows
     z = preconditioned(r)
-    p, size = z, _dot(r, z)
+    p, size = z, moments.dot(r, z)
     first, taken = size, 0
     while taken < most and size > close**2 * first:
         q = apply(p) * rows + damping * p
-        length = size / _dot(p, q)
+        length = size / moments.dot(p, q)
         y, r = y + length * p, r - length * q
         z = preconditioned(r)
-        before, size = size, _dot(r, z)
+        before, size = size, moments.dot(r, z)
         p = z + (size / before) * p
         taken += 1
     return y, taken
 
 
-def _dot(a: Floats, b: Floats) -> float:
-    """By NumPy: BLAS would wake threads for it, whose sums depend on how many there are."""
-    return float((a * b).sum())
-
-
 def _exactly(
-    bonds: BondList, kind: type[Moments], w: list[Floats], target: Floats, rows: Bools, largest: float
+    moments: Moments, w: list[Floats], target: Floats, rows: Bools, largest: float
 ) -> tuple[list[Floats], int]:
     """Newton's method for the moments of order three alone; return the weights and the iterations."""
-    alone = kind(bonds, False)
+    alone = moments.alone()
     rows, target, count = rows[:, : alone.columns], target[:, : alone.columns], 0
     missed = (target - alone.moments(w)) * rows
     for _ in range(_ROUNDS_EXACT):
-        worst = float(np.abs(missed).max(initial=0.0)) / largest
+        worst = alone.largest(float(np.abs(missed).max(initial=0.0))) / largest
         if worst <= _EXACT:
             break
         close = max(_LOOSE, 0.1 * _EXACT / worst)
@@ -153,7 +165,7 @@ def _exactly(
         while length > 0.01:  # halve the step until it gains
             trial = [a * ratio_of(length * s) for a, s in zip(w, step, strict=True)]
             left = (target - alone.moments(trial)) * rows
-            if np.linalg.norm(left) < (1.0 - 0.1 * length) * np.linalg.norm(missed):
+            if alone.dot(left, left) < (1.0 - 0.1 * length) ** 2 * alone.dot(missed, missed):
                 break
             length *= 0.5
         else:
@@ -177,5 +189,6 @@ def _ratios(new: list[Floats], old: list[Floats]) -> list[Floats]:
     return [np.divide(v, w, out=np.ones_like(w), where=w > 0.0) for v, w in zip(new, old, strict=True)]
 
 
-def _within(ratios: list[Floats]) -> bool:
-    return all(x.min(initial=1.0) > 1.0 / _FAR and x.max(initial=1.0) < _FAR for x in ratios)
+def _within(moments: Moments, ratios: list[Floats]) -> bool:
+    beyond = any(not (x.min(initial=1.0) > 1.0 / _FAR and x.max(initial=1.0) < _FAR) for x in ratios)
+    return moments.largest(float(beyond)) == 0.0

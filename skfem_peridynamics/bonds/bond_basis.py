@@ -15,7 +15,7 @@ from .._types import Floats, Ints
 from .._vectors import real_vector
 from ..geometry.simplices import vertex_sizes
 from ..material.influence import Influence
-from .bond_list import BondList
+from .bond_list import Balance, BondList
 from .corner_rule import CornerRule
 from .forms import Functions, Sides, field_class
 from .pair_rule import PairRule
@@ -160,11 +160,24 @@ class BondBasis(BondList):
                 found.smallest,
             )
             return self.with_(rule=PairRule()).balanced(exact)
+        return self.with_balance(found)
+
+    def with_balance(self, found: Balance) -> BondBasis:
+        """Return a copy with the weights of a balance; bonds are the same, and not made again.
+
+        Parameters
+        ----------
+        found : Balance
+            Weights by part, and how it went.
+
+        Returns
+        -------
+        BondBasis
+            The copy.
+        """
         copy = dataclasses.replace(self, balance=found)
-        # bonds are the same: do not make them again
-        weights = copy.balance.weights if copy.balance is not None else []
         copy.__dict__["samples"] = self.samples
-        copy.__dict__["parts"] = [part.with_weight(w) for part, w in zip(self.parts, weights, strict=True)]
+        copy.__dict__["parts"] = [part.with_weight(w) for part, w in zip(self.parts, found.weights, strict=True)]
         return copy
 
     @cached_property

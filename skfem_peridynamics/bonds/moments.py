@@ -18,6 +18,8 @@ import scipy.sparse as sparse
 from .._types import Csr, Floats, Longs
 from ..geometry.tensors import monomials, powers
 from .bond_list import BondList
+from .facet_targets import facet_targets
+from .moment_targets import Targets, moment_targets
 from .quadrature import sphere
 from .rule import Part
 
@@ -58,6 +60,27 @@ class Moments:
             if m.shape[1]:
                 out[part, part] = np.linalg.pinv(size * (m * share[:, None]).T @ m, rcond=_NOTHING, hermitian=True)
         return out
+
+    # ---- over the whole body
+    def alone(self) -> Moments:
+        """Return the same of order three alone."""
+        return type(self)(self.bonds, False)
+
+    def targets(self, by_facets: bool) -> Targets:
+        """Return the exact moments at all vertices of the mesh."""
+        return facet_targets(self.bonds, self.four) if by_facets else moment_targets(self.bonds)
+
+    def dot(self, a: Floats, b: Floats) -> float:
+        """Return the sum of products of rows. By NumPy: BLAS would wake threads for it, whose bits depend on them."""
+        return float((a * b).sum())
+
+    def total(self, x: float) -> float:
+        """Return the sum of a number over what the body is dealt out to: here it is alone."""
+        return x
+
+    def largest(self, x: float) -> float:
+        """Return the largest of a number over the same."""
+        return x
 
     # ---- by sparse products
     @property

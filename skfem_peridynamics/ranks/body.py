@@ -22,6 +22,7 @@ from ..model.space import numbering_basis
 from ..model.vertex_stiffness import vertex_stiffness
 from .dealt_rule import DealtPairs
 from .halo import Halo
+from .rank_moments import balanced_over_ranks
 from .share import Share
 
 
@@ -49,14 +50,22 @@ class RankBody:
         rule: PairRule,
         material: Material | Potential | Composite,
         no_fail: Longs | None = None,
+        balanced: bool = False,
+        w: Floats | None = None,
         **options: Any,
     ) -> RankBody:
-        """Return the body of a share; ``no_fail`` are vertices of the rank's mesh, ghosts among them."""
-        basis, pieces = numbering_basis(share.mesh), []
-        for inside in (True, False):
-            bonds = BondBasis(basis, horizon, influence, DealtPairs(rule, share, inside))
-            pieces.append(Peridynamics(bonds, material, no_fail, **options) if bonds.parts else None)
-        return cls(comm, share, pieces[0], pieces[1])
+        """Return the body of a share; ``no_fail`` and ``w`` are of vertices of the rank's mesh, ghosts among them."""
+        basis, halos = numbering_basis(share.mesh), dict[int, Halo]()
+        rules = [DealtPairs(rule, share, inside) for inside in (True, False)]
+        made = [BondBasis(basis, horizon, influence, one, w) for one in rules]
+        there = [bonds for bonds in made if bonds.parts]
+        if min(comm.allgather(sum(bonds.nbonds for bonds in there))) == 0:
+            raise ValueError(f"{comm.size} processes are too many: one of them would have no bond to compute")
+        if balanced:
+            there = balanced_over_ranks(comm, share, there, lambda width: _halo(halos, comm, share, width))
+        bodies = iter([Peridynamics(bonds, material, no_fail, **options) for bonds in there])
+        inside, across = (next(bodies) if bonds.parts else None for bonds in made)
+        return cls(comm, share, inside, across, halos)
 
     # ---- what a stepper asks
     symmetric = True
@@ -163,9 +172,7 @@ class RankBody:
         return halo.summed(local)
 
     def _halo(self, width: int) -> Halo:
-        if width not in self._halos:
-            self._halos[width] = Halo(self.comm, self.share, width)
-        return self._halos[width]
+        return _halo(self._halos, self.comm, self.share, width)
 
     @cached_property
     def _everyone(self) -> tuple[Longs, list[int]]:
@@ -176,3 +183,10 @@ class RankBody:
         places = np.empty(self.share.nvertices, dtype=np.int64)
         places[np.concatenate(found)] = np.arange(self.share.nvertices)
         return places, [len(numbers) for numbers in found]
+
+
+def _halo(halos: dict[int, Halo], comm: Any, share: Share, width: int) -> Halo:
+    """The exchange of so many numbers a vertex, made once."""
+    if width not in halos:
+        halos[width] = Halo(comm, share, width)
+    return halos[width]

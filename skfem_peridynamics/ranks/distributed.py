@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._types import Floats, Longs, Mesh
+from ..bonds.bond_basis import BondBasis
 from ..bonds.pair_rule import PairRule
 from ..bonds.rule import Rule
 from ..geometry.neighbours import pairs_within
@@ -17,6 +18,7 @@ from ..material.composite import Composite
 from ..material.influence import Influence
 from ..material.material import Material
 from ..material.potential import Potential
+from ..model.space import numbering_basis
 from .body import RankBody
 from .share import Share, divided, shares
 from .world import threads_of_a_rank, world
@@ -32,6 +34,8 @@ def distributed(
     influence: Influence | str = "constant",
     rule: Rule | None = None,
     no_fail: npt.ArrayLike | None = None,
+    balanced: bool = False,
+    boundary_function: str | npt.ArrayLike | None = None,
     **options: Any,
 ) -> RankBody:
     """Return a body of vertex pairs, dealt out over all ranks that ``mpiexec`` has started.
@@ -53,6 +57,10 @@ def distributed(
         Vertex pairs; the only rule that can be dealt out yet.
     no_fail : array_like of int, optional
         Vertices all of whose bonds stay linear.
+    balanced : bool, optional
+        With balanced weights, as :meth:`BondBasis.balanced` gives.
+    boundary_function : {"smooth"} or array_like, (nvertices,), optional
+        The paper's w, on the first rank; it does not go with balanced weights yet.
     **options
         ``threads`` (a rank's part of the cores that the ranks of its machine may use), ``matrix_memory`` and
         ``compiled`` of :class:`Peridynamics`.
@@ -90,19 +98,27 @@ def distributed(
         chosen = np.zeros(mesh.nvertices, dtype=bool)
         if no_fail is not None:
             chosen[np.asarray(no_fail)] = True
-        mine = [(share, np.flatnonzero(chosen[share.number])) for share in shares(mesh, owner, reach_of(mesh, horizon))]
+        w = None
+        if boundary_function is not None:  # known where the whole boundary is
+            w = BondBasis(numbering_basis(mesh), horizon, boundary_function=boundary_function).vertex_weight
+        mine = [
+            (share, np.flatnonzero(chosen[share.number]), None if w is None else share.part(w))
+            for share in shares(mesh, owner, reach_of(mesh, horizon))
+        ]
     share: Share
     local: Longs
-    share, local = comm.scatter(mine, root=0)
+    w_here: Floats | None
+    share, local, w_here = comm.scatter(mine, root=0)
+    if balanced and w_here is not None:
+        raise ValueError("balanced = True does not go with a boundary function over processes yet")
     made = material(share.mesh) if callable(material) and not isinstance(material, Potential) else material
     if isinstance(made, Material | Composite):
         for one in made.materials if isinstance(made, Composite) else (made,):
             if one.calibrate == "discrete":
                 raise ValueError('calibrate = "discrete" cannot be measured over processes yet')
     options.setdefault("threads", threads_of_a_rank())
-    body = RankBody.of(comm, share, horizon, influence, rule, made, local if len(local) else None, **options)
-    if min(comm.allgather(body.nbonds)) == 0:
-        raise ValueError(f"{comm.size} processes are too many: one of them would have no bond to compute")
+    chosen_here = local if len(local) else None
+    body = RankBody.of(comm, share, horizon, influence, rule, made, chosen_here, balanced, w_here, **options)
     if any(comm.allgather(any(piece.dilatation is not None for piece in (body.inside, body.across) if piece))):
         raise ValueError("a Poisson ratio other than that of bonds alone does not go over processes yet")
     return body

@@ -61,7 +61,7 @@ def test_patch_test_positivity_and_symmetry(dim, kind, w):
         assert np.abs(F.sum(axis=0)).max() < 1e-13 * np.abs(F).sum()
         K = body.stiffness()
         assert abs(K - K.T).max() == 0.0
-    assert "balance" not in str(bonds)
+    assert "Balance(" not in str(bonds)
     assert bonds.with_(horizon=0.99 * eps).balance is None
 
 

@@ -121,7 +121,11 @@ def test_shares_hold_what_bonds_of_their_vertices_need():
 
 REFUSED = {
     "bonds.rule = 'ball'": ('horizon = 0.085, rule = "ball"', "horizon = 0.085"),
-    "bonds.balanced = true": ("horizon = 0.085, balanced = true", "horizon = 0.085"),
+    "bonds.boundary_function with balanced = true": (
+        'horizon = 0.085, boundary_function = "smooth", balanced = true',
+        "horizon = 0.085",
+    ),
+    "bonds.rule = 'corners'": ('horizon = 0.085, rule = "corners"', "horizon = 0.085"),
     "time.scheme = 'newmark'": ('until = 2.0, scheme = "newmark", step = 0.1', "until = 2.0"),
     "material.breaking": ("density = 1.0, breaking = 1.5", "density = 1.0"),
     "output.fields": ('frames = 3, fields = ["stress"]', "frames = 3"),
@@ -160,6 +164,22 @@ def test_operators_are_those_of_the_whole(n):
     if n == 1:
         assert found["same_force"]
         assert found["same_motion"]
+
+
+@needs_mpi
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_balanced_weights_are_those_of_the_whole(n):
+    """Lines, a slit plate, a block; compiled loops and sparse products. Sums are taken in another order."""
+    ended = launch(n, HERE / "balanced.py", HERE.parents[0] / "support")
+    assert ended.returncode == 0, ended.stderr[-2000:]
+    for name, off in json.loads(ended.stdout.splitlines()[-1]).items():
+        print(n, name, off)
+        assert off["force"] < 1e-14, name  # 5e-16 found
+        assert off["product"] < 1e-14, name
+        assert off["unlike"] > 1e-3, name  # without balance it would be another body
+        assert max(off["figures"]) < 1e-14, name
+        assert off["unbalanced"], name
+        assert off["bonds"][0] == off["bonds"][1], name
 
 
 @pytest.fixture(scope="module")
@@ -216,15 +236,30 @@ def test_check_tells_what_each_process_would_have(tmp_path, capsys):
     told = next(line for line in capsys.readouterr().out.splitlines() if "processes" in line)
     words = f"3: {min(own)} to {max(own)} vertices each, {min(ghosts)} to {max(ghosts)} ghosts"
     assert words in told
-    scene.write_text(PLATE.replace("horizon =", "balanced = true, horizon ="))
+    scene.write_text(PLATE.replace("horizon =", 'rule = "ball", horizon ='))
     assert main(["check", str(scene), "--mpi", "3"]) == 2
-    assert "balanced" in capsys.readouterr().err
+    assert "ball" in capsys.readouterr().err
     scene.write_text(PLATE)
     assert main(["check", str(scene), "--mpi", "100000"]) == 2
     assert "too many" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["check", str(scene), "--mpi", "0"])
     assert "whole number" in capsys.readouterr().err
+
+
+@needs_mpi
+@pytest.mark.parametrize("keys", ["balanced = true", 'boundary_function = "smooth"'])
+def test_scenes_with_other_weights_are_those_of_one_process(keys, tmp_path):
+    scene = PLATE.replace("horizon =", f"{keys}, horizon =").replace("toughness = 2e-4", "toughness = 2e-3")
+    assert launch_run(3, tmp_path / "ranks", text=scene).returncode == 0
+    summary = run(Scene.parse(scene), tmp_path / "whole")
+    assert off(history(tmp_path / "ranks"), history(tmp_path / "whole")) < 1e-11
+    found = json.loads((tmp_path / "ranks" / "summary.json").read_text())
+    for name in ("bonds", "softened_bonds", "unbalanced_vertices", "smallest_weight_ratio", "status"):
+        assert found.get(name) == pytest.approx(summary.get(name)), name
+    run(Scene.parse(PLATE.replace("toughness = 2e-4", "toughness = 2e-3")), tmp_path / "plain")
+    ends = [history(tmp_path / name)[-1:] for name in ("ranks", "plain")]
+    assert off(*ends) > 1e-4  # without them it is another motion
 
 
 @needs_mpi

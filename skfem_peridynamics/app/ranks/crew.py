@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 
 from ..._types import Csr, Floats, Load, Longs
 from ...analysis.damage import Census, Damage
+from ...bonds.bond_list import Balance
 from ...ranks.body import RankBody
 from ...ranks.distributed import distributed
 from ...ranks.limit import stable_time_step
@@ -57,6 +59,8 @@ class Crew:
             influence=scene.bonds.influence,
             rule=scene.bonds.make_rule(),
             no_fail=None if problem is None else problem.no_fail,
+            balanced=bool(scene.bonds.balanced),
+            boundary_function=scene.bonds.boundary_function,
         )
         share = body.share
         m = body.scatter(problem.mass.diagonal() if problem is not None else None)
@@ -164,10 +168,15 @@ class Crew:
         """The product of the stiffness with the first vector that is given."""
         return self.body.gather(self.body.stiffness(self.body.scatter(self.given[0])))
 
-    def bonds(self) -> list[int] | None:
-        """How many bonds each rank has."""
-        found: list[int] | None = self.comm.gather(self.body.nbonds, root=0)
-        return found
+    def bonds(self) -> tuple[list[int] | None, Balance | None]:
+        """How many bonds each rank has, and the balance of all, with the vertices of the whole mesh."""
+        counts: list[int] | None = self.comm.gather(self.body.nbonds, root=0)
+        found = self.body.any_piece.bonds.balance
+        if found is None:
+            return counts, None
+        missed = self.comm.gather(self.body.share.number[found.unbalanced], root=0)
+        every = np.sort(np.concatenate(missed)) if missed is not None else found.unbalanced
+        return counts, dataclasses.replace(found, weights=[], unbalanced=every)
 
     def close(self) -> None:
         """It is over."""

@@ -29,8 +29,7 @@ def refuse(scene: Scene) -> None:
     """Raise :class:`SceneError` for what does not go over several processes yet."""
     no = {
         f"bonds.rule = {scene.bonds.rule!r}": scene.bonds.rule != "pairs",
-        "bonds.balanced = true": bool(scene.bonds.balanced),
-        f"bonds.boundary_function = {scene.bonds.boundary_function!r}": scene.bonds.boundary_function is not None,
+        "bonds.boundary_function with balanced = true": bool(scene.bonds.boundary_function and scene.bonds.balanced),
         f"time.scheme = {scene.time.scheme!r}": scene.time.scheme not in ("central_difference", "auto"),
         'time.mass = "consistent"': scene.time.mass == "consistent",
         "material.breaking": scene.material.breaking is not None,
@@ -58,8 +57,10 @@ class LeadingProblem(Problem):
     @cached_property
     def bonds(self) -> Any:
         """What a run asks of all bonds."""
-        counts = self._crew.order("bonds")
-        return SimpleNamespace(nbonds=sum(counts), balance=None, dim=int(self.mesh.dim()), mesh=self.mesh, ranks=counts)
+        counts, balance = self._crew.order("bonds")
+        return SimpleNamespace(
+            nbonds=sum(counts), balance=balance, dim=int(self.mesh.dim()), mesh=self.mesh, ranks=counts
+        )
 
     @cached_property
     def body_at_rest(self) -> Any:
