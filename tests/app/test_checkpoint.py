@@ -225,7 +225,10 @@ def test_hours_are_not_thrown_away_unasked(tmp_path, monkeypatch, capsys):
     assert main([*command, "--overwrite"]) == 0
     assert json.loads((out / "summary.json").read_text())["resumed_at_steps"] == []
     stop(small(), out, 12, resume=False)
-    assert run(small(until=("until = 3.0", "until = 0.5")), out)["status"] == "finished"  # of no use to another scene
+    with pytest.raises(SceneError, match=r"of another run \(time.until is 0.5 and was 3.0\), stopped at step"):
+        run(small(until=("until = 3.0", "until = 0.5")), out)
+    assert (out / NAME).exists()
+    assert run(small(until=("until = 3.0", "until = 0.5")), out, resume=False)["status"] == "finished"
 
 
 def a_state(step=3):

@@ -72,6 +72,24 @@ def test_keys_that_make_no_sense_are_refused(change, said):
     assert said in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    "change", [("bonds.horizon", np.float32(0.25)), ("mesh.divisions", (12,)), ("mesh.divisions", np.array([12]))]
+)
+def test_values_of_numpy_are_numbers(change):
+    assert Scene.parse(SMALL, changes=[change]) != Scene.parse(SMALL)
+
+
+@pytest.mark.parametrize("changes", ["bonds.horizon=1", {"bonds.horizon": 1}, [None], [(1, 2)], [("x",)], [["a", 1]]])
+def test_changes_that_are_none_are_refused(changes):
+    with pytest.raises(SceneError, match=r"must be a list|must be a text KEY=VALUE"):
+        Scene.parse(SMALL, changes=changes)
+
+
+def test_half_a_character_is_refused():
+    with pytest.raises(SceneError, match="half a character"):
+        Scene.parse(SMALL, changes=[("title", "a\udcff")])
+
+
 def test_a_run_keeps_the_keys_that_were_set(tmp_path):
     """In the summary, so that it can be run again; another value is another run."""
     scene = tmp_path / "scene.toml"
@@ -136,9 +154,18 @@ def test_a_starter_for_a_mesh_has_its_groups(tmp_path, monkeypatch, capsys):
     assert main(["init", "--from", str(PART)]) == 2
     assert "is there already" in capsys.readouterr().err
     assert (tmp_path / "notched_part.toml").read_text() == text
+    assert main(["init", "plate", "-o", "a b.toml"]) == 0
+    assert "check 'a b.toml'" in capsys.readouterr().out
     assert main(["init", "part"]) == 2
     assert "--from" in capsys.readouterr().err
     assert main(["init", "bar", "--from", str(PART)]) == 2
+
+
+def test_a_group_with_nothing_in_it_is_left_out(tmp_path):
+    mesh = skfem.MeshTri().refined(2).with_boundaries({"left": lambda x: x[0] == 0.0})
+    info = MeshInfo.of(mesh.with_boundaries({"mid": np.zeros(0, dtype=np.int32)}))
+    assert info.boundaries["mid"] == 0
+    assert "mid" not in info.inner
 
 
 def test_a_name_that_toml_would_read_otherwise_is_written_so_that_it_does_not(tmp_path):
@@ -192,6 +219,9 @@ def test_cfl_of_a_mesh_takes_what_a_scene_does(capsys, tmp_path):
     assert json.loads(capsys.readouterr().out)["stable_step"] == found["stable_step"]
     assert main(["cfl", *flags, "--set", "time.until=1"]) == 2
     assert main(["cfl", str(scene), "--balanced"]) == 2
+    rule = flags.index("--rule") + 1
+    assert main(["cfl", *flags[:rule], "auto", *flags[rule + 1 :]]) == 2
+    assert "does not go with rule = 'auto'" in capsys.readouterr().err
 
 
 # ---- examples, schema, completion
@@ -241,9 +271,9 @@ def test_the_schema_takes_what_scenes_are(tmp_path, capsys):
     assert main(["schema", "-o", str(out)]) == 0
     assert main(["schema", "-o", str(out)]) == 0  # the same already
     assert json.loads(out.read_text()) == scene_schema()
-    out.write_text("mine")
+    out.write_bytes(b"\xff\x00mine")
     assert main(["schema", "-o", str(out)]) == 2
-    assert out.read_text() == "mine"
+    assert out.read_bytes() == b"\xff\x00mine"
     capsys.readouterr()
     assert main(["schema"]) == 0
     assert json.loads(capsys.readouterr().out) == scene_schema()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import skfem
 
 import skfem_peridynamics as peri
 from bodies import body_on, box
@@ -145,7 +146,9 @@ def test_pictures_that_cannot_be_are_refused(done):
         (lambda: peri.plot(body, of=np.zeros(3)), r"of has shape \(3,\); the mesh has 16 vertices"),
         (lambda: peri.plot(body.bonds.mesh), "needs a body"),
         (lambda: peri.plot(body.bonds.mesh, of="von Mises"), "needs a body"),
-        (lambda: peri.plot(body, of="von Mises"), "one Poisson ratio"),
+        (lambda: peri.plot(body, of="von Mises"), "one Poisson "),
+        (lambda: peri.plot(skfem.MeshQuad()), "must be a body, or a mesh of lines or triangles"),
+        (lambda: peri.plot(body.basis), "must be a body"),
     ):
         with pytest.raises(ValueError, match=said):
             call()
@@ -187,10 +190,11 @@ def test_a_body_in_space_is_seen_through_where_it_is_cracked():
 def test_a_sweep_goes_on_where_it_was(tmp_path):
     """A row a combination, in order; finished runs are not made again; one that fails says why."""
     tables = TABLES | {"output": {"frames": 0, "pictures": False}}
-    over = {"bonds.horizon": [0.3, 0.4], "load": [[], [{"body": ["0", "sqrt(0.5 - t)"]}]]}
-    rows = peri.sweep(tables, tmp_path / "out", over, columns=["nodes", "status"])
+    over = {"bonds.horizon": [0.3, np.float64(0.4)], "load": [[], [{"body": ("0", "sqrt(0.5 - t)")}]]}
+    rows = peri.sweep(tables, tmp_path / "out", over, columns=["nodes", "status", "elastic.young"])
     assert [row["bonds.horizon"] for row in rows] == [0.3, 0.3, 0.4, 0.4]
     assert [row["status"] for row in rows] == ["finished", None] * 2
+    assert [row["elastic.young"] for row in rows] == [1.0, None] * 2
     assert [bool(row["mistake"]) for row in rows] == [False, True] * 2
     assert "sqrt" in rows[1]["mistake"]
     with open(tmp_path / "out" / "sweep.csv") as file:
@@ -200,28 +204,54 @@ def test_a_sweep_goes_on_where_it_was(tmp_path):
     first = Path(rows[0]["folder"])
     assert first.name.startswith("horizon=0.3_load=_")
     before = (first / "history.csv").stat().st_mtime_ns
-    # other values first: each is found by its own
-    again = peri.sweep(tables, tmp_path / "out", {"bonds.horizon": [0.5, 0.3], "load": [[]]}, columns=["bonds"])
-    assert [row["mistake"] for row in again] == ["", ""]
-    assert again[0]["bonds"] > again[1]["bonds"]
-    assert again[1]["folder"] == rows[0]["folder"]
-    assert (first / "history.csv").stat().st_mtime_ns == before
-    # another scene is not taken for this one
-    changed = peri.sweep(tables | {"time": {"until": 0.5}}, tmp_path / "out", {"bonds.horizon": [0.3], "load": [[]]})
-    assert "another" in changed[0]["mistake"]
-    scene = tmp_path / "scene.toml"
-    scene.write_text(json.dumps({}))
-    for bad, said in (
-        ({"bonds.horizn": [1.0]}, "did you mean 'horizon'?"),
-        ({}, "must have a key"),
-        ({"bonds.horizon": []}, "a value or more"),
+    # other values first: each is found by its own; and by a scene in place of its tables
+    for scene in (tables, peri.Scene.of(tables)):
+        again = peri.sweep(scene, tmp_path / "out", {"bonds.horizon": [0.5, 0.3], "load": [[]]}, columns=["bonds"])
+        assert [row["mistake"] for row in again] == ["", ""]
+        assert again[0]["bonds"] > again[1]["bonds"]
+        assert again[1]["folder"] == rows[0]["folder"]
+        assert (first / "history.csv").stat().st_mtime_ns == before
+    # another scene is another run
+    other = tables | {"time": {"until": 0.5}}
+    changed = peri.sweep(other, tmp_path / "out", {"bonds.horizon": [0.3], "load": [[]]}, columns=["steps"])
+    assert changed[0]["folder"] != rows[0]["folder"]
+    assert changed[0]["steps"] < peri.FinishedRun(first)["steps"]
+
+
+def test_a_sweep_that_makes_no_table_is_refused(tmp_path):
+    tables = TABLES | {"output": {"frames": 0, "pictures": False}}
+    good = {"bonds.horizon": [0.3]}
+    for over, options, said in (
+        ({"bonds.horizn": [1.0]}, {}, "did you mean 'horizon'?"),
+        ({}, {}, "must have a key"),
+        ({"bonds.horizon": []}, {}, "a value or more"),
+        ({"bonds.horizon": 0.2}, {}, "a value or more"),
+        ({"title": "abc"}, {}, "a value or more"),
+        ({"bonds.horizon": [0.3], "bonds": [{"horizon": 0.4}]}, {}, "one is a part of the other"),
+        (good, {"columns": "bonds"}, "must be a list of keys"),
+        (good, {"columns": ["bonds.horizon"]}, "none of those in over"),
+        (good, {"processes": 0}, "1 or more"),
+        (good, {"processes": 1.5}, "1 or more"),
     ):
         with pytest.raises(SceneError) as caught:
-            peri.sweep(tables, tmp_path / "none", bad)
+            peri.sweep(tables, tmp_path / "none", over, **options)
         assert said in str(caught.value)
-    with pytest.raises(SceneError):
-        peri.sweep(tables, tmp_path / "none", {"bonds.horizon": [0.3]}, processes=0)
     assert not (tmp_path / "none").exists()
+    with pytest.raises(SceneError, match="the summary has no 'bondz'"):
+        peri.sweep(tables, tmp_path / "typo", good, columns=["bondz"])
+
+
+def test_a_run_that_was_written_over_is_not_read(tmp_path):
+    tables = TABLES | {"output": {"frames": 2, "pictures": False}}
+    one = peri.run(peri.Scene.of(tables), tmp_path / "out")
+    assert one.frames[-1].t == 1.0
+    two = peri.run(peri.Scene.of(tables | {"time": {"until": 0.5}}), tmp_path / "out", resume=False)
+    assert two.frames[-1].t == 0.5
+    for read in (lambda: one.frames[-1], lambda: one.history):
+        with pytest.raises(SceneError, match="has another run by now"):
+            read()
+    with pytest.raises(IndexError, match="frame 2 of 2"):
+        two.frames[2]
 
 
 @pytest.mark.slow

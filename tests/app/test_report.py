@@ -736,10 +736,11 @@ def texts_of(monkeypatch, draw):
         kept.append(made(*size))
         return kept[-1]
 
-    for module in ("body_pictures", "deformed_pictures", "history_pictures", "setup_picture"):
-        monkeypatch.setattr(f"skfem_peridynamics.app.report.{module}.new_figure", remember)
-    monkeypatch.setattr(drawing, "write_whole", keep)
-    draw()
+    with monkeypatch.context() as only_here:
+        for module in ("body_pictures", "deformed_pictures", "history_pictures", "setup_picture"):
+            only_here.setattr(f"skfem_peridynamics.app.report.{module}.new_figure", remember)
+        only_here.setattr(drawing, "write_whole", keep)
+        draw()
     return found
 
 
@@ -824,3 +825,56 @@ def test_the_drawing_of_a_set_up_names_what_the_scene_says(monkeypatch):
         ]
     }
     assert "slit" in words
+
+
+def test_statics_know_no_speed_and_no_time(tmp_path, monkeypatch):
+    """However far t goes, the same equilibria are told the same."""
+    scene = Scene.parse(starter("static"), changes=["mesh.divisions=[16, 8]", "bonds.horizon=0.3", "output.frames=2"])
+    text = "units = {length = 'm', force = 'N', time = 's'}\n" + starter("static")
+    told = []
+    for until in (1.0, 1000.0):
+        keys = ["mesh.divisions=[16, 8]", "bonds.horizon=0.3", "output.frames=2", "time.steps=4", f"time.until={until}"]
+        scene = Scene.parse(text, changes=[*keys, ("fixed[1].displacement", f"1.0 * t / {until}")])
+        out = tmp_path / str(until)
+        summary = run(scene, out, with_report=True)
+        assert summary["softened_bonds"] > 0
+        told.append(summary.headline)
+        page = Page((out / "report.html").read_text()).text
+        assert "fastest tip" not in page
+        assert "Rayleigh speed" not in summary.headline
+        results = Results.read(out)
+        words = {
+            word
+            for texts in texts_of(monkeypatch, lambda r=results: draw(r, course=True)).values()
+            for word, _ in texts
+        }
+        assert "t" in words
+        assert not any("in s" in word or "speed" in word for word in words)
+    assert told[0] == told[1]
+
+
+def test_a_linear_law_has_no_critical_strain(tmp_path):
+    out = tmp_path / "bar"
+    done = run(Scene.parse(starter("bar"), changes=["mesh.divisions=[40]", "bonds.horizon=0.1"]), out, with_report=True)
+    assert done.headline == "The law is linear: no bond can soften."
+    page = Page((out / "report.html").read_text()).text
+    for word in ("S/S_c", "Rayleigh", "S waves"):
+        assert word not in page
+    assert "Young's modulus" in page
+
+
+def test_a_unit_with_an_unlucky_name_is_a_unit():
+    units = UnitsTable("wavelength", "N", "timestep")
+    assert units.after("length") == " wavelength"
+    assert units.after("velocity") == " wavelength/timestep"
+    assert UnitsTable("m", "force", "s").after("stress") == ""
+    assert UnitsTable("m", "force", "s").after("length") == " m"
+
+
+def test_stress_out_of_plane_stands_in_the_frames(tmp_path):
+    keys = ["mesh.divisions=[16, 8]", "bonds.horizon=0.3", "output={frames=2, pictures=false, fields=['stress']}"]
+    done = run(Scene.parse(starter("static"), changes=[*keys, "time.steps=1"]), tmp_path)
+    a, b, z, c, *_ = done.frames[-1].fields["stress"].T
+    np.testing.assert_allclose(z, 0.25 * (a + b), rtol=1e-5, atol=1e-6 * np.abs(a).max())
+    mises = np.sqrt(((a - b) ** 2 + (b - z) ** 2 + (z - a) ** 2) / 2 + 3 * c**2)
+    np.testing.assert_allclose(done.frames[-1].fields["von_mises"], mises, rtol=1e-4, atol=1e-6 * mises.max())

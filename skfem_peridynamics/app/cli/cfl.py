@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from ..._version import __version__
 from ..files.history import plain, step_limits
 from ..scene.body_tables import BondsTable, MaterialTable, MeshTable
-from ..scene.reading import SceneError
+from ..scene.reading import SceneError, blame
 from ..scene.scene import Scene, TimeTable
 from .table import print_table
 
@@ -106,6 +106,13 @@ def _scene_of_flags(arguments: argparse.Namespace) -> Scene:
 
         if make_mesh(MeshTable(file=arguments.mesh), Path()).dim() == 2:
             raise SceneError("cfl of a mesh in 2D needs --plane stress or --plane strain")
+    with blame("--rule and --balanced"):
+        bonds = BondsTable(
+            horizon=arguments.horizon,
+            influence=arguments.influence or "constant",
+            rule=arguments.rule or "pairs",
+            balanced=arguments.balanced or None,
+        )
     return Scene(
         title=arguments.mesh,
         mesh=MeshTable(file=arguments.mesh, scale=arguments.scale),
@@ -116,11 +123,6 @@ def _scene_of_flags(arguments: argparse.Namespace) -> Scene:
             plane=arguments.plane,
             potential="linear",
         ),
-        bonds=BondsTable(
-            horizon=arguments.horizon,
-            influence=arguments.influence or "constant",
-            rule=arguments.rule or "pairs",
-            balanced=arguments.balanced or None,
-        ),
+        bonds=bonds,
         time=TimeTable(until=1.0, mass=arguments.mass),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from shlex import quote
 
 from ..problem.starters import starter
 from ..scene.reading import SceneError
@@ -16,9 +17,10 @@ def init(arguments: argparse.Namespace) -> int:
     out = arguments.out or Path(f"{name if arguments.mesh is None else arguments.mesh.stem}.toml")
     text = starter(name, arguments.mesh, out.parent)
     write_new(out, text)
+    scene, folder = (quote(name if not name.startswith("-") else f"./{name}") for name in (str(out), out.stem))
     print(f"wrote {out}; go on with")
-    print(f"  skfem-peridynamics check {out}")
-    print(f"  skfem-peridynamics run {out} --out {out.stem} --report")
+    print(f"  skfem-peridynamics check {scene}")
+    print(f"  skfem-peridynamics run {scene} --out {folder} --report")
     print("and for an editor that completes keys, in the same folder")
     print("  skfem-peridynamics schema --out scene.schema.json")
     return 0

@@ -14,6 +14,6 @@ def schema(arguments: argparse.Namespace) -> int:
     text = json.dumps(scene_schema(), indent=1) + "\n"
     if arguments.out is None:
         print(text, end="")
-    elif not arguments.out.exists() or arguments.out.read_text(encoding="utf-8") != text:
+    elif not arguments.out.is_file() or arguments.out.read_bytes() != text.encode():
         write_new(arguments.out, text)
     return 0

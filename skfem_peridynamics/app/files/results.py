@@ -83,10 +83,18 @@ class Results:
         return cut(" ".join(title.encode(errors="replace").decode().split()), MOST_OF_A_NAME)
 
     @property
+    def is_static(self) -> bool:
+        """Whether t is no time, but how far loads and displacements have come."""
+        time = self.scene.get("time")
+        return isinstance(time, dict) and time.get("scheme") == "static"
+
+    @property
     def units(self) -> UnitsTable:
         known = self.scene.get("units")
         known = known if isinstance(known, dict) else {}
         given = {name: str(known[name]) for name in ("length", "force", "time") if name in known}
+        if self.is_static:
+            given.pop("time", None)
         return UnitsTable(**given)
 
     @cached_property

@@ -55,7 +55,9 @@ class MeshInfo:
             _spread(np.sqrt(length).ravel()),
             _spread(_quality(mesh, length)),
             {name: len(which) for name, which in boundaries.items()},
-            frozenset(name for name, which in boundaries.items() if not outside[np.asarray(which)].any()),
+            frozenset(
+                name for name, which in boundaries.items() if len(which) and not outside[np.asarray(which)].any()
+            ),
             {name: len(which) for name, which in subdomains.items()},
             _round_up(VERTICES_PER_HORIZON * float(np.quantile(vertex_sizes(mesh), 0.9))),
         )

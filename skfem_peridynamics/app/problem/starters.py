@@ -56,7 +56,7 @@ def _text(text: str) -> str:
 def _groups(info: MeshInfo) -> str:
     """Tables for the groups of a mesh, to be uncommented; without one what holds and what pulls goes by formulas."""
     zero = ", ".join(["0.0"] * info.dim)
-    outer = [name for name in info.boundaries if name not in info.inner]
+    outer = [name for name, count in info.boundaries.items() if count and name not in info.inner]
     lines = [f"# boundaries of the mesh: {', '.join(outer) or 'none is named'}"]
     if outer:
         lines += ["", "[[fixed]]                            # held; takes displacement and velocity, in x, y, z, t"]

@@ -28,8 +28,18 @@ def verdict(results: Results) -> str:
         return begin + _of_cracks(results)
     if summary.get("softened_bonds") or summary.get("broken_bonds"):
         return f"{begin}Bonds have softened, and no crack has grown from that that could be followed."
+    if _is_linear(results):
+        return f"{begin}The law is linear: no bond can soften."
     Z = summary.get("largest_Z") or 0.0
     return f"{begin}No bond has softened; the largest strain of a bond was {Z:.2g} of the critical one."
+
+
+def _is_linear(results: Results) -> bool:
+    """Whether no material of the scene has bonds that soften."""
+    matrix, others = results.scene.get("material"), results.scene.get("inclusion")
+    tables = [matrix, *(others if isinstance(others, list) else [])]
+    names = [one.get("potential", "linear" if one is not matrix else "") for one in tables if isinstance(one, dict)]
+    return bool(names) and set(names) == {"linear"}
 
 
 def known(results: Results, name: str) -> float | None:
@@ -68,6 +78,8 @@ def _of_cracks(results: Results) -> str:
 
 
 def _speed(results: Results) -> float | None:
+    if results.is_static:
+        return None
     fastest, rayleigh = results.summary.get("largest_tip_speed"), known(results, "rayleigh_speed")
     return fastest / rayleigh if fastest and rayleigh else None
 

@@ -41,10 +41,10 @@ def plot_energies(path: Path, history: History, title: str, units: UnitsTable, d
     save(figure, path)
 
 
-def plot_crack(path: Path, history: History, speed: float | None, units: UnitsTable) -> None:
-    """Draw length, reach and area of the crack, and the speed of its tip against the Rayleigh ``speed``."""
-    figure = new_figure(_WIDTH, 6.2)
-    upper, lower = figure.subplots(2, 1)
+def plot_crack(path: Path, history: History, speed: float | None, units: UnitsTable, *, moving: bool = True) -> None:
+    """Draw length, reach and area of the crack, and where it is ``moving`` the speed of its tip against ``speed``."""
+    figure = new_figure(_WIDTH, 6.2 if moving else 3.3)
+    upper, *rest = figure.subplots(2 if moving else 1, 1, squeeze=False).ravel()
     t, label_of_t = _time(history, units)
     shown = {"crack_reach": ("way of the first tip", "-")}
     if "crack_length" in history:
@@ -54,16 +54,21 @@ def plot_crack(path: Path, history: History, speed: float | None, units: UnitsTa
         upper.plot(t, factor * history[name], style, label=label)
     upper.set_ylabel(_in("crack length", unit))
     upper.legend(frameon=False, fontsize="small")
+    for lower in rest:
+        _plot_speed(lower, t, history, speed, units)
+    for axes in (upper, *rest):
+        axes.set_xlabel(label_of_t)
+        _plain(axes)
+    save(figure, path)
+
+
+def _plot_speed(lower: Any, t: Floats, history: History, speed: float | None, units: UnitsTable) -> None:
     lower.plot(t, speeds(history["t"], history["crack_reach"], WINDOW), color="tab:red", label="tip")
     if speed is not None:
         lower.axhline(speed, color="0.3", linestyle="--", linewidth=1, label="Rayleigh speed")
     lower.set_ylabel(_in("tip speed", units.after("velocity").strip()))
     lower.set_ylim(bottom=0.0)
     lower.legend(frameon=False, fontsize="small")
-    for axes in (upper, lower):
-        axes.set_xlabel(label_of_t)
-        _plain(axes)
-    save(figure, path)
 
 
 _PANELS = 24  # of one picture; the history has all columns

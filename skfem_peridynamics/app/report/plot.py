@@ -66,6 +66,8 @@ def plot(
     1.0
     """
     mesh = body.bonds.mesh if isinstance(body, Peridynamics) else body
+    if not hasattr(mesh, "dim") or len(mesh.t) != mesh.dim() + 1:
+        raise ValueError(f"body = {type(body).__name__} must be a body, or a mesh of lines or triangles")
     dim = int(mesh.dim())
     if dim == 3:
         raise ValueError("a body in space is shown by skfem_peridynamics.view, which needs the extra view (pyvista)")
@@ -138,5 +140,8 @@ def _of_stress(body: Peridynamics | Mesh, u: Floats, of: str, fields: Mapping[st
     if of == "largest principal":
         return largest_principal(tensor)
     if across is None:
-        raise ValueError('of = "von Mises" needs one Poisson ratio in plane strain, or von_mises among the fields')
+        raise ValueError(
+            'of = "von Mises" needs a material that says whether its plane is one of stress or of strain, with one '
+            "Poisson ratio, or von_mises among the fields"
+        )
     return von_mises(tensor, across)

@@ -32,7 +32,7 @@ _CAPTIONS = {
     "course.png": "The same at four times.",
     "setup.png": "What the scene says: outline, slits, materials, loads (arrows), supports, no-fail regions, probes.",
     "stress.png": "What the bonds bear at the last frame.",
-    "crack.png": "How far the crack has got, and how fast its tip runs; the slope over five rows of the history.",
+    "crack.png": "How far the crack has got, and how fast its tip runs, by the slope over five rows of the history.",
     "energies.png": "Energies over time.",
     "measures.png": "What the scene has measured.",
 }
@@ -132,12 +132,12 @@ def _cards(results: Results) -> str:
         cards.append(("crack area", number(summary["crack_area"]) + units.after("area")))
     if summary.get("crack_length") is not None:
         cards.append(("crack length", units.shown("length", summary["crack_length"])))
-    if summary.get("largest_tip_speed"):
+    if summary.get("largest_tip_speed") and not results.is_static:
         cards.append(("fastest tip", number(summary["largest_tip_speed"]) + units.after("velocity")))
     for name, label in (("energy_drift", "energy drift"), ("error_estimate", "estimated error of u")):
         if isinstance(summary.get(name), (int, float)):
             cards.append((label, f"{summary[name]:.2g}"))
-    if isinstance(summary.get("largest_Z"), (int, float)):
+    if summary.get("largest_Z"):
         cards.append(("largest |S|/S_c", f"{summary['largest_Z']:.3g}"))
     seconds = summary.get("seconds")
     if isinstance(seconds, dict):
@@ -224,7 +224,7 @@ def _crack_table(results: Results) -> str:
             rows.append((label, said))
     if summary.get("tips") is not None:
         rows.append(("tips", str(summary["tips"])))
-    if summary.get("largest_tip_speed") is not None:
+    if summary.get("largest_tip_speed") is not None and not results.is_static:
         of = f", {summary['largest_tip_speed'] / rayleigh:.2f} of the Rayleigh speed" if rayleigh else ""
         rows.append(("fastest tip", number(summary["largest_tip_speed"]) + units.after("velocity") + of))
     for size in ("length", "area"):
@@ -238,6 +238,8 @@ def _crack_table(results: Results) -> str:
 def _material(results: Results) -> list[str]:
     """The constants that the material of a run had with its bonds, the matrix where there are inclusions."""
     units, rows = results.units, list[tuple[str, str]]()
+    last = results.last
+    bar = ("lame", "mu", "shear_speed", "rayleigh_speed") if last is not None and last.mesh.dim() == 1 else ()
     for name, label, quantity in (
         ("young", "Young's modulus", "stress"),
         ("poisson", "Poisson's ratio", ""),
@@ -251,7 +253,7 @@ def _material(results: Results) -> list[str]:
     ):
         # bonds alone have lambda = mu, said once
         value = known(results, "lame") if name == "mu" and known(results, "mu") is None else known(results, name)
-        if value is not None:
+        if value is not None and name not in bar:
             rows.append((label, units.shown(quantity, value) if quantity else number(value)))
     return ["<h2>The material</h2>", _table(rows)] if rows else []
 
@@ -263,7 +265,7 @@ def _balance(summary: Mapping[str, Any]) -> str:
     said = f"The energy balance was off by at most {drift:.2g} of the largest energy."
     lost = summary.get("energy_lost")
     if isinstance(lost, (int, float)):
-        said += f" Cracks that ran away between two equilibria lost {lost:.2g} of it, which is no error."
+        said += f" Cracks that ran away between two equilibria lost {lost + 0.0:.2g} of it, which is no error."
     return said
 
 

@@ -56,7 +56,9 @@ def _drawn(results: Results, out: Path, last: Snapshot | None, course: bool, wit
     if len(history.get("t", ())) > 1:
         shots["energies.png"] = lambda path: plot_energies(path, history, title, units, dim)
         if "crack_reach" in history and history["crack_reach"].max() > 0.0:
-            shots["crack.png"] = lambda path: plot_crack(path, history, known(results, "rayleigh_speed"), units)
+            shots["crack.png"] = lambda path: plot_crack(
+                path, history, known(results, "rayleigh_speed"), units, moving=not results.is_static
+            )
         if groups(history):
             toughness = known(results, "toughness")
             shots["measures.png"] = lambda path: plot_measures(path, history, toughness, units, dim)

@@ -12,6 +12,8 @@ from typing import Any, overload
 from ..._types import Floats
 from ..files.results import Results, Snapshot
 from ..report.headline import verdict
+from ..scene.reading import SceneError
+from ..scene.shown import named
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,8 @@ class FrameList(Sequence[Snapshot]):
     def __getitem__(self, number: int | slice) -> Snapshot | list[Snapshot]:
         if isinstance(number, slice):
             return [self.results.snapshot(k) for k in range(len(self))[number]]
+        if not -len(self) <= number < len(self):
+            raise IndexError(f"frame {number} of {len(self)}")
         return self.results.snapshot(range(len(self))[number])
 
     def __iter__(self) -> Iterator[Snapshot]:
@@ -72,12 +76,24 @@ class FinishedRun(dict[str, Any]):
     """
 
     def __init__(self, folder: str | Path, summary: dict[str, Any] | None = None) -> None:
-        self.folder = Path(folder)
+        self.folder = Path(folder).absolute()
         super().__init__(Results.read(self.folder).summary if summary is None else summary)
+        self._made = self._stamp()
+
+    def _stamp(self) -> int:
+        """When the summary in the folder was written; 0 where there is none."""
+        path = self.folder / "summary.json"
+        return path.stat().st_mtime_ns if path.is_file() else 0
+
+    @property
+    def results(self) -> Results:
+        """The files, read back. Raises :class:`SceneError` where another run has written them since."""
+        if self._stamp() != self._made:
+            raise SceneError(f"{named(self.folder)} has another run by now: take what that gave back")
+        return self._results
 
     @cached_property
-    def results(self) -> Results:
-        """The files, read back."""
+    def _results(self) -> Results:
         return Results.read(self.folder)
 
     @property

@@ -169,6 +169,8 @@ class Record:
             tensors, across = stress(body, state.u), out_of_plane(self.problem.material, body.bonds.dim)
             fields["stress"] = voigt(tensors)
             if across is not None:
+                if body.bonds.dim == 2:
+                    fields["stress"][:, 2] = across * np.trace(tensors, axis1=1, axis2=2)
                 fields["von_mises"] = von_mises(tensors, across)
         if "strain" in asked:
             fields["strain"] = voigt(strain(self.problem.basis, state.u))

@@ -33,8 +33,8 @@ def earlier_run(out: Path, identity: Mapping[str, Any], resume: bool | None) -> 
     """Return the checkpoint to go on with, the summary where the run is finished, or None for a fresh start.
 
     ``identity`` is that of the run that is to be made there. Raises :class:`SceneError` for the checkpoint of
-    another run, and, where nothing is said of ``resume``, before a finished run, more than a minute of this very run,
-    or a file that no run has written is lost.
+    another run, and, where nothing is said of ``resume``, before a finished run, more than a minute of an unfinished
+    one, or a file that no run has written is lost.
     """
     if resume is False:
         return None
@@ -65,10 +65,19 @@ def earlier_run(out: Path, identity: Mapping[str, Any], resume: bool | None) -> 
         spent = sum(float(value) for value in checkpoint.facts["seconds"].values())
     except (KeyError, TypeError, ValueError, AttributeError):
         spent = 0.0
-    if not differences(known, identity) and spent > WORTH_KEEPING:
+    if spent > WORTH_KEEPING and isinstance(known.get("scene"), Mapping):
+        other = differences(known, identity)
+        whose, cure = (
+            ("this very run", "go on with --resume")
+            if not other
+            else (
+                f"another run ({'; '.join(other[:3])})",
+                "give this one another folder",
+            )
+        )
         raise SceneError(
-            f"output folder {named(out)} holds {spent:.0f} s of this very run, "
-            f"stopped at step {checkpoint.state.step}: go on with --resume, or start over with --overwrite"
+            f"output folder {named(out)} holds {spent:.0f} s of {whose}, "
+            f"stopped at step {checkpoint.state.step}: {cure}, or start over with --overwrite"
         )
     return None
 

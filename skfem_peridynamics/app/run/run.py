@@ -135,7 +135,7 @@ def run(
             if with_estimate and "error_estimate" not in earlier:
                 earlier |= _estimated(problem, clock)
                 write_summary(out / "summary.json", earlier)
-            if with_report:
+            if with_report or (with_estimate and (out / "report.html").is_file()):
                 write_report(out)
             return FinishedRun(out, earlier)
         if earlier is not None:

@@ -25,6 +25,8 @@ def changed(tables: Mapping[str, Any], changes: Sequence[Change]) -> dict[str, A
     >>> changed({"time": {"until": 1.0}}, ["time.until=1e-5", "title=shorter", "bonds.rule=\\"ball\\""])
     {'time': {'until': 1e-05}, 'title': 'shorter', 'bonds': {'rule': 'ball'}}
     """
+    if isinstance(changes, str | Mapping):
+        raise SceneError(f'changes = {shown(changes)} must be a list, as in ["time.until=1e-5"]')
     out: dict[str, Any] = _copied(tables)
     for change in changes:
         path, value, change = _parted(change)
@@ -42,8 +44,10 @@ def changed(tables: Mapping[str, Any], changes: Sequence[Change]) -> dict[str, A
 
 def _parted(change: Change) -> tuple[str, Any, str]:
     """The path, the value, and the text of a change."""
-    if isinstance(change, tuple):
+    if isinstance(change, tuple) and len(change) == 2 and isinstance(change[0], str):
         return change[0], _copied(change[1]), f"{change[0]}={change[1]!r}"
+    if not isinstance(change, str):
+        raise SceneError(f"the change {shown(change)} must be a text KEY=VALUE, or a key with its value")
     path, equals, text = change.partition("=")
     if not equals or not path.strip():
         raise SceneError(f"--set {shown(change)} must be KEY=VALUE, as in time.until=1e-5")
@@ -53,7 +57,9 @@ def _parted(change: Change) -> tuple[str, Any, str]:
 def _copied(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {name: _copied(entry) for name, entry in value.items()}
-    return [_copied(entry) for entry in value] if isinstance(value, list) else value
+    if hasattr(value, "tolist"):  # NumPy's numbers and arrays
+        value = value.tolist()
+    return [_copied(entry) for entry in value] if isinstance(value, list | tuple) else value
 
 
 def _steps(path: str, change: str) -> list[str | int]:

@@ -52,8 +52,12 @@ class UnitsTable:
         >>> UnitsTable("m", "N", "s").after("velocity"), UnitsTable().after("velocity")
         (' m/s', '')
         """
+        powers = _powers(quantity, dim)
+        nameless = [
+            one.name for one, n in zip(fields(self), powers, strict=True) if n and getattr(self, one.name) == one.name
+        ]
         unit = self.of(quantity, dim)
-        return "" if any(unit_field.name in unit for unit_field in fields(self)) else f" {unit}"
+        return "" if nameless or unit == "1" else f" {unit}"
 
     def reading(self, quantity: str, largest: float, dim: int = 3) -> tuple[float, str]:
         """Return a factor, and the unit of what is multiplied by it: numbers up to the largest are then read easily.
@@ -103,3 +107,10 @@ class UnitsTable:
 
 def _power(name: str, n: int) -> str:
     return name if n == 1 else f"{name}^{n}"
+
+
+def _powers(quantity: str, dim: int) -> tuple[int, int, int]:
+    """The powers of length, force and time in the unit of a quantity; in 2D forces and energies are per thickness."""
+    length, force, time = _POWERS[quantity]
+    per = {2: 1, 1: 2}.get(dim, 0) if quantity in ("force", "energy") else 0
+    return length - per, force, time

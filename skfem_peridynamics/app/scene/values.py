@@ -122,6 +122,8 @@ def text(value: Any, path: str) -> str:
         raise SceneError(f"{path} = {shown(value)} must be a text")
     if len(value) > LONGEST:
         raise SceneError(f"{path} = {shown(value)} has {len(value)} characters; at most {LONGEST} are taken")
+    if any("\ud800" <= c <= "\udfff" for c in value):
+        raise SceneError(f"{path} = {shown(value)} is no text: it has half a character in it")
     return value
 
 
