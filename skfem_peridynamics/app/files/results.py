@@ -161,7 +161,7 @@ def read_summary(path: Path) -> dict[str, Any]:
     for name, value in summary.items():
         if value is None:
             continue
-        if name in _NUMBERS and not _is_number(value):
+        if name in _NUMBERS and not is_number(value):
             raise ValueError(f"summary.json has {name} = {shown(value)}, which is no number")
         if name in _TABLES and not (isinstance(value, dict) and _fits(name, value)):
             raise ValueError(f"summary.json has a table {name} that no run writes")
@@ -172,14 +172,15 @@ def _fits(name: str, table: dict[str, Any]) -> bool:
     """Whether a table of the summary holds what a run writes: seconds are known, and an eigenvalue is not 0."""
     entries = list(table.values())
     if name == "seconds":
-        return all(_is_number(entry) and entry >= 0 for entry in entries)
+        return all(is_number(entry) and entry >= 0 for entry in entries)
     if name == "step_limits":
-        known = all(entry is None or (_is_number(entry) and entry >= 0) for entry in entries)
+        known = all(entry is None or (is_number(entry) and entry >= 0) for entry in entries)
         return known and table.get("by_eigenvalue", 1.0) != 0
-    return name != "elastic" or all(entry is None or _is_number(entry) for entry in entries)
+    return name != "elastic" or all(entry is None or is_number(entry) for entry in entries)
 
 
-def _is_number(value: Any) -> bool:
+def is_number(value: Any) -> bool:
+    """Whether a run can have written a value as a number."""
     return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= LARGEST
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..._types import Mesh
 from ...geometry.simplices import vertex_sizes
-from ..files.results import Results, Snapshot
+from ..files.results import Results, Snapshot, is_number
 from ..files.whole_files import write_whole
 from ..problem.domain import cracked_mesh
 from ..scene.formula import FormulaError
@@ -168,7 +168,7 @@ def _setup_table(results: Results) -> str:
     rows: list[tuple[str, str]] = []
     bonds = scene.get("bonds")
     horizon = bonds.get("horizon") if isinstance(bonds, dict) else None
-    if isinstance(horizon, (int, float)):
+    if horizon is not None and is_number(horizon):
         per = ""
         if results.last is not None:
             per = f", {horizon / float(np.median(vertex_sizes(results.last.mesh))):.1f} vertices (in the median)"
@@ -190,7 +190,7 @@ def _constants(table: Mapping[str, Any], results: Results) -> str:
     of = {"young": "stress", "lame": "stress", "mu": "stress", "bulk": "stress", "toughness": "toughness"}
     said = []
     for name, value in table.items():
-        if isinstance(value, (int, float)) and not isinstance(value, bool):
+        if is_number(value):
             unit = results.units.shown(of[name], float(value)) if name in of else number(value)
             said.append(f"{name} {unit}")
         elif name in ("region", "where", "plane", "potential") and isinstance(value, str):
