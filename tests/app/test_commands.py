@@ -252,7 +252,8 @@ def test_the_schema_takes_what_scenes_are(tmp_path, capsys):
         judge.validate(tomllib.loads(text))
     good = tomllib.loads(SMALL)
     for change in (
-        "time.untl=3", "bonds.horizon=-1", "bonds.horizon='x'", "bonds.rule='bal'", "output.frames=-1", "load=[{a=1}]",
+        "time.untl=3", "bonds.horizon=-1", "bonds.horizon=0",
+        "bonds.horizon='x'", "bonds.rule='bal'", "output.frames=-1", "load=[{a=1}]",
         "output.frames=100000", "material.plane='both'", "mesh.box=[3]", "fixed={on='left'}", "output.fields=['x']",
     ):  # fmt: skip
         key, _, value = change.partition("=")

@@ -26,8 +26,9 @@ from skfem_peridynamics.app.files.identity import as_tables
 from skfem_peridynamics.app.files.results import Results, Snapshot
 from skfem_peridynamics.app.problem.domain import cracked_mesh
 from skfem_peridynamics.app.problem.starters import starter
+from skfem_peridynamics.app.report.body_pictures import plot_damage
 from skfem_peridynamics.app.report.deformed_pictures import deformation_scale, moved
-from skfem_peridynamics.app.report.figure import new_figure, save
+from skfem_peridynamics.app.report.figure import new_figure, own_style, save
 from skfem_peridynamics.app.report.run_page import page
 from skfem_peridynamics.app.report.run_pictures import draw
 from skfem_peridynamics.app.report.setup_picture import SetUp, plot_setup
@@ -749,13 +750,18 @@ def test_letters_are_read_on_a_phone(torn, monkeypatch):
     results = Results.read(torn[0])
     scene = Scene.parse(TORN)
 
+    block = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 4)] * 3)
+    torn_block = Snapshot(block, 0.0, {"displacement": np.zeros((64, 3)), "intact": 1.0 - block.p[0] ** 2})
+
     def pictures(phone):
+        with own_style(phone):
+            plot_damage(Path("block.png"), torn_block, "a block", UnitsTable())
         draw(results, course=True, phone=phone)
         plot_setup(Path("setup.png"), SetUp.of(scene, cracked_mesh(scene)), phone=phone)
 
     for phone in (False, True):
         found = texts_of(monkeypatch, lambda phone=phone: pictures(phone))
-        assert len(found) == 8
+        assert len(found) == 9
         for name, texts in found.items():
             assert len(texts) > 3, name
             assert not any("$" in text or "math" in text for text, _ in texts), name
