@@ -745,6 +745,7 @@ def texts_of(monkeypatch, draw):
     return found
 
 
+@pytest.mark.slow
 def test_letters_are_read_on_a_phone(torn, monkeypatch):
     """12 px or more where a picture is 361 px wide, a screen of 390; no text shows the mathematics of its making."""
     results = Results.read(torn[0])
@@ -833,6 +834,7 @@ def test_the_drawing_of_a_set_up_names_what_the_scene_says(monkeypatch):
     assert "slit" in words
 
 
+@pytest.mark.slow
 def test_statics_know_no_speed_and_no_time(tmp_path, monkeypatch):
     """However far t goes, the same equilibria are told the same."""
     scene = Scene.parse(starter("static"), changes=["mesh.divisions=[16, 8]", "bonds.horizon=0.3", "output.frames=2"])
