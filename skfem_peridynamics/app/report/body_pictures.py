@@ -122,14 +122,7 @@ def _surface(axes: Any, body: Snapshot, unit: str) -> None:
 
     mesh, broken = body.mesh, body.broken
     low, high = mesh.p.min(axis=1), mesh.p.max(axis=1)
-    for axis in range(3):
-        others = [k for k in range(3) if k != axis]
-        for corner in np.ndindex(2, 2):
-            line = np.empty((3, 2))
-            line[axis] = low[axis], high[axis]
-            for k, side in zip(others, corner, strict=True):
-                line[k] = (low[k], high[k])[side]
-            axes.plot(*line, color="0.7", linewidth=0.8)
+    draw_box(axes, low, high)
     slit = inner_faces(mesh)
     axes.add_collection3d(Poly3DCollection(_corners(mesh, slit), facecolor="0.85", edgecolor="0.5", linewidth=0.2))
     corners, shade = level_surface(mesh, broken, _CRACK, mesh.p[2])
@@ -145,6 +138,18 @@ def _surface(axes: Any, body: Snapshot, unit: str) -> None:
         labelled.set_major_locator(MaxNLocator(3))
         labelled.set_label_text(_axis(name, unit))
         (axes.set_xlim, axes.set_ylim, axes.set_zlim)[k](low[k], high[k])
+
+
+def draw_box(axes: Any, low: Floats, high: Floats) -> None:
+    """Draw the edges of a box in space."""
+    for axis in range(3):
+        others = [k for k in range(3) if k != axis]
+        for corner in np.ndindex(2, 2):
+            line = np.empty((3, 2))
+            line[axis] = low[axis], high[axis]
+            for k, side in zip(others, corner, strict=True):
+                line[k] = (low[k], high[k])[side]
+            axes.plot(*line, color="0.7", linewidth=0.8)
 
 
 def inner_faces(mesh: Mesh) -> Longs:

@@ -13,7 +13,7 @@ from ..._types import Floats, Ints, Longs, Mesh
 from ..problem.domain import tag, vertices
 from ..scene.formula import Formula
 from ..scene.scene import LoadTable, Scene, Where
-from .body_pictures import inner_faces
+from .body_pictures import draw_box, inner_faces
 from .figure import new_figure, own_style, save
 
 _WIDE = 6.0  # inches
@@ -113,15 +113,7 @@ def _body(axes: Any, setup: SetUp, p: Floats) -> None:
         return
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    low, top = p.min(axis=1), p.max(axis=1)
-    for axis in range(3):
-        others = [k for k in range(3) if k != axis]
-        for corner in np.ndindex(2, 2):
-            line = np.empty((3, 2))
-            line[axis] = low[axis], top[axis]
-            for k, side in zip(others, corner, strict=True):
-                line[k] = (low[k], top[k])[side]
-            axes.plot(*line, color="0.6", linewidth=0.8)
+    draw_box(axes, p.min(axis=1), p.max(axis=1))
     if setup.slit.size:
         faces = np.moveaxis(p[:, setup.slit], 0, 2).swapaxes(0, 1)
         axes.add_collection3d(Poly3DCollection(faces, facecolor="0.3", edgecolor="none", alpha=0.7))
