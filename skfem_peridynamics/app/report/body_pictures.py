@@ -12,7 +12,7 @@ import numpy as np
 from ..._types import Floats, Longs, Mesh
 from ..files.results import Snapshot
 from ..scene.units import UnitsTable
-from .figure import new_figure, save
+from .figure import for_phone, new_figure, save
 from .level_surface import level_surface
 
 # fraction of softened bonds: pale where a point is whole, dark where nothing holds it
@@ -101,8 +101,10 @@ def _corners(mesh: Mesh, facets: Longs) -> Floats:
 
 def _in_space(body: Snapshot, unit: str) -> Any:
     """The crack's surface in the body's box, and slices through where the damage is."""
-    figure = new_figure(8.4, 4.4)
-    left, right = figure.subfigures(1, 2, width_ratios=(1.15, 1.0))
+    phone = for_phone()
+    figure = new_figure(5.0, 9.0) if phone else new_figure(8.4, 4.4)
+    upper_or_left = {"height_ratios": (1.0, 1.6)} if phone else {"width_ratios": (1.15, 1.0)}
+    left, right = figure.subfigures(*((2, 1) if phone else (1, 2)), **upper_or_left)
     _surface(left.add_subplot(projection="3d"), body, unit)
     p, broken = body.mesh.p, body.broken
     weight = broken * (broken > _CRACK)
@@ -130,12 +132,13 @@ def _surface(axes: Any, body: Snapshot, unit: str) -> None:
         spread = max(high[2] - low[2], np.finfo(float).tiny)
         colour = colormaps["inferno"](0.25 + 0.5 * (shade.mean(axis=1) - low[2]) / spread)
         axes.add_collection3d(Poly3DCollection(corners, facecolor=colour, edgecolor="none", alpha=0.9))
-    axes.set_title(f"where {_CRACK:.0%} of the bonds have softened", fontsize="small")
+    axes.set_title(f"{_CRACK:.0%} of the bonds softened", fontsize="small")
     axes.set_box_aspect((high - low) / (high - low).max(), zoom=0.95)
     axes.grid(False)
     for k, (labelled, name) in enumerate(zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True)):
         labelled.set_pane_color((1, 1, 1, 0))
-        labelled.set_major_locator(MaxNLocator(3))
+        labelled.set_major_locator(MaxNLocator(2 if for_phone() else 3))
+        labelled.set_tick_params(labelsize="x-small")
         labelled.set_label_text(_axis(name, unit))
         (axes.set_xlim, axes.set_ylim, axes.set_zlim)[k](low[k], high[k])
 

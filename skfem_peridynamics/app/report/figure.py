@@ -19,6 +19,11 @@ def available() -> bool:
     return find_spec("matplotlib") is not None
 
 
+def for_phone() -> bool:
+    """Return whether what is drawn now is for a phone: with large letters, and little beside one another."""
+    return bool(_PHONE)
+
+
 def new_figure(width: float, height: float) -> Any:
     """Return a figure of so many inches that needs no display."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -47,6 +47,8 @@ def plot_setup(path: Path, setup: SetUp, *, phone: bool = False) -> None:
 
 
 def _plot(path: Path, setup: SetUp, columns: int) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     scene, mesh = setup.scene, setup.mesh
     dim = int(mesh.dim())
     factor, unit = scene.units.reading("length", float(np.abs(mesh.p).max()))
@@ -71,10 +73,17 @@ def _plot(path: Path, setup: SetUp, columns: int) -> None:
         at = np.zeros(len(places))
         at[: len(probe.at)] = factor * np.asarray(probe.at)
         axes.plot(*at[:, None], "D", color="tab:green", ms=6, label=f"probe {probe.name or k}")
+    if dim == 3:
+        axes.set_box_aspect(extent / extent.max(), zoom=0.9)
+        for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+            axis.set_major_locator(MaxNLocator(2))
+            axis.set_tick_params(labelsize="x-small")
+        axes.set_zlabel(f"z in {unit}" if unit else "z")
     axes.set_xlabel(f"x in {unit}" if unit else "x")
     if dim > 1:
         axes.set_ylabel(f"y in {unit}" if unit else "y")
-        axes.set_aspect("equal")
+        if dim == 2:
+            axes.set_aspect("equal")
     else:
         axes.set_yticks([])
         axes.set_ylim(-1.0, 1.0)
