@@ -3,17 +3,14 @@
 import logging
 import os
 import re
-import sys
 from pathlib import Path
+
+from skfem_peridynamics import __version__
 
 os.environ["PYVISTA_OFF_SCREEN"] = "true"
 os.environ.pop("DISPLAY", None)
 logging.getLogger("skfem").setLevel(logging.WARNING)  # it tells of each assembly
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))
-
-from skfem_peridynamics import __version__  # noqa: E402
-
 project, author, release = "skfem-peridynamics", "the skfem-peridynamics authors", __version__
 copyright = author
 extensions = [
