@@ -94,9 +94,17 @@ def stress(body: Peridynamics, u: Floats) -> Floats:
     >>> stress(body, u)[(abs(basis.mesh.p.T - 0.5) < 0.01).all(axis=1)].round(2).tolist()
     [[[0.3, 0.0], [0.0, 0.1]]]
     """
+    volume = vertex_volumes(body.bonds.mesh)
+    return vertex_virials(body, u, body.pressure(u)) / volume[:, None, None]
+
+
+def vertex_virials(body: Peridynamics, u: Floats, pressure: Floats | None = None) -> Floats:
+    """Return ``1/2 sum p xi^T`` over the bonds of each vertex, (nvertices, dim, dim): its stress times its volume.
+
+    ``pressure`` is that of a dilatation, at the samples.
+    """
     samples, dim = body.bonds.samples, body.bonds.dim
     total = np.zeros((samples.nsamples, dim * dim))
-    pressure = body.pressure(u)
 
     def of_block(block: Block, T: Floats) -> tuple[slice, Floats]:
         p = block.directions()  # e / sqrt(r)
@@ -108,8 +116,7 @@ def stress(body: Peridynamics, u: Floats) -> Floats:
 
     for window, summed in body.each_block(u, of_block):
         total[window] += summed
-    volume = vertex_volumes(body.bonds.mesh)
-    return 0.5 * samples.spread(total).reshape(-1, dim, dim) / volume[:, None, None]
+    return 0.5 * samples.spread(total).reshape(-1, dim, dim)
 
 
 def voigt(tensors: Floats) -> Floats:

@@ -76,6 +76,12 @@ class BallBonds:
     def with_weight(self, weight: Floats) -> BallBonds:
         return dataclasses.replace(self, given=weight)
 
+    def pick(self, which: Longs) -> BallBonds:
+        """Return the part with only some of its sites, listed in order."""
+        given = None if self.given is None else self.given.reshape(len(self.site), -1)[which].ravel()
+        site, reach, element = self.site[which], self.reach[which], self.element[which]
+        return dataclasses.replace(self, site=site, reach=reach, element=element, given=given)
+
     @property
     def nbytes(self) -> int:
         """Memory of the list."""

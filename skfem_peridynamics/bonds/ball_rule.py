@@ -7,7 +7,7 @@ end at the boundary, a slit or a hole carry a rule of their own on what is left 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -218,6 +218,35 @@ class BallRule:
         """
         if self.radial is None or self.angular is None:
             return self.fitted(mesh, horizon).parts(mesh, samples, horizon, influence)
+        out = self.made(mesh, samples, horizon, influence)
+        self.check_support(support(samples, out), mesh.p, vertex_volumes(mesh), np.arange(int(mesh.nvertices)))
+        return out
+
+    def made(self, mesh: Mesh, samples: Samples, horizon: float, influence: Influence) -> list[Part]:
+        """Return the bonds of the sites of some samples; what they hold of the vertices is not looked at.
+
+        Parameters
+        ----------
+        mesh : skfem.Mesh
+            Lines, triangles or tetrahedra.
+        samples : Samples
+            The points of the rule on that mesh, with some or all of its sites.
+        horizon : float
+            A length.
+        influence : Influence
+            The influence function.
+
+        Returns
+        -------
+        list of BallBonds
+            The bonds, a part of them at a time.
+
+        Raises
+        ------
+        ValueError
+            Where the counts of the rule follow the mesh: see :meth:`fitted`.
+        """
+        nrad, _ = self._counts()
         dim = int(mesh.dim())
         directions, angle = self.directions(dim)
         nodes, radial = (
@@ -227,8 +256,8 @@ class BallRule:
         stencil = BallStencil(
             directions, nodes, shares, horizon, Tracer(mesh), samples.place[mesh.t.T].astype(np.int32)
         )
-        per_site = len(directions) * self.radial
-        out: list[BallBonds] = []
+        per_site = len(directions) * nrad
+        out: list[Part] = []
         order = curve_order(samples.points[samples.sites])  # so that a part reaches as few elements as it can
         count = max(1, bond_parts.BLOCK // per_site)
         for run in (order[low : low + count] for low in range(0, len(order), count)):
@@ -238,25 +267,34 @@ class BallRule:
             first = int(min(site.min(), corners.min()))
             width = int(max(site.max(), corners.max())) + 1 - first
             out.append(BallBonds(samples, stencil, first, width, (site - first).astype(np.int32), reach, element))
-        self._check(mesh, samples, out)
-        return list(out)
+        return out
 
-    def _check(self, mesh: Mesh, samples: Samples, parts: list[BallBonds]) -> None:
-        """Raise ``ValueError`` for a vertex that its bonds do not hold in every direction: K would be singular."""
-        dim = int(mesh.dim())
-        supported = np.zeros((samples.nsamples, dim * dim))
-        for part in parts:
-            xi = part.vectors()
-            e = xi / np.maximum(np.linalg.norm(xi, axis=1, keepdims=True), np.finfo(float).tiny)
-            stiffness = part.weight[:, None] * np.einsum("na,nb->nab", e, e).reshape(len(e), -1)
-            supported[part.first : part.first + part.width] += part.incidence(1.0).T @ stiffness
-        lam = np.linalg.eigvalsh(samples.spread(supported).reshape(-1, dim, dim)) / vertex_volumes(mesh)[:, None]
+    def check_support(self, support: Floats, points: Floats, volumes: Floats, number: Longs) -> None:
+        """Raise ``ValueError`` for a vertex that its bonds do not hold in every direction: K would be singular.
+
+        Parameters
+        ----------
+        support : ndarray, (nvertices, dim, dim)
+            What bonds hold vertices with, see :func:`support`.
+        points : ndarray, (dim, nvertices)
+            Where they are.
+        volumes : ndarray, (nvertices,)
+            Their volumes.
+        number : ndarray of int, (nvertices,)
+            Their numbers in the mesh.
+
+        Raises
+        ------
+        ValueError
+            For such a vertex.
+        """
+        lam = np.linalg.eigvalsh(support) / volumes[:, None]
         loose = np.flatnonzero(lam[:, 0] < _LOOSE * np.median(lam[:, -1]))
         if len(loose):
             raise ValueError(
-                f"rule = {self.name}: its bonds do not hold vertex {loose[0]} at "
-                f"{describe_point(mesh.p[:, loose[0]])} in every direction "
-                f"({len(loose)} of {mesh.nvertices} vertices); "
+                f"rule = {self.name}: its bonds do not hold vertex {number[loose[0]]} at "
+                f"{describe_point(points[:, loose[0]])} in every direction "
+                f"({len(loose)} of {len(number)} vertices); "
                 'take more directions, a larger angular, or outer = "gauss"'
             )
 
@@ -285,3 +323,15 @@ class BallRule:
         # a ray that leaves at once has no weight; its nodes are put where the site is
         inside = np.where(start[:, None] >= 0, rays.element, np.repeat(own, ndir)[:, None]).astype(np.int32)
         return rays.reach.reshape(n, ndir), inside.reshape(n, ndir, -1)
+
+
+def support(samples: Samples, parts: Sequence[Part]) -> Floats:
+    """Return ``sum weight e e^T`` over the bonds of each vertex, by P1 values, (nvertices, dim, dim)."""
+    dim = samples.points.shape[1]
+    supported = np.zeros((samples.nsamples, dim * dim))
+    for part in parts:
+        xi = part.vectors()
+        e = xi / np.maximum(np.linalg.norm(xi, axis=1, keepdims=True), np.finfo(float).tiny)
+        stiffness = part.weight[:, None] * np.einsum("na,nb->nab", e, e).reshape(len(e), -1)
+        supported[part.first : part.first + part.width] += part.incidence(1.0).T @ stiffness
+    return samples.spread(supported).reshape(-1, dim, dim)

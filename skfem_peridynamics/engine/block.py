@@ -36,10 +36,18 @@ Pressure: TypeAlias = Callable[[Floats], Floats]  # of the virial, (nvertices,) 
 
 
 class Beside(NamedTuple):
-    """What stands beside the bonds in a tangent, ``R^T diag(stiffness) R``; R is by ``rates`` (None: at rest)."""
+    """What stands beside the bonds in a tangent, ``R^T diag(stiffness) R``; R is by ``rates`` (None: at rest).
+
+    Over ranks ``whole`` adds up what all have of a virial, and brings the product to ghosts, too.
+    """
 
     rates: Sequence[Floats] | None
     stiffness: Floats
+    whole: Pressure | None = None
+
+    def pressure(self, virial: Floats) -> Floats:
+        """Return the stiffness times a virial."""
+        return self.stiffness * virial if self.whole is None else self.whole(virial)
 
 
 @dataclass(frozen=True, eq=False)

@@ -138,12 +138,12 @@ class CompiledEngine:
         """Add the force of the dilatation, linear in what the arrays hold; at rest that of the bonds, too."""
         if beside.rates is None:
             self.schedule.run(lambda task: task.add_virial(arrays, linear(task.block)), self.pool)
-            self.loops.press(arrays, beside.stiffness * self.loops.take_virial(arrays, self.pool), self.pool)
+            self.loops.press(arrays, beside.pressure(self.loops.take_virial(arrays, self.pool)), self.pool)
             self.schedule.run(lambda task: task.add_pressed_force(arrays, linear(task.block)), self.pool)
             return
         of = {id(block): rates for block, rates in zip(self.sparse.blocks, beside.rates, strict=True)}
         self.schedule.run(lambda task: task.dilate(arrays, of[id(task.block)]), self.pool)
-        self.loops.press(arrays, beside.stiffness * self.loops.take_virial(arrays, self.pool), self.pool)
+        self.loops.press(arrays, beside.pressure(self.loops.take_virial(arrays, self.pool)), self.pool)
         self.schedule.run(lambda task: task.squeeze(arrays, of[id(task.block)]), self.pool)
 
     def each(self, u: Floats, function: Callable[[Block, Floats], _T]) -> Iterator[_T]:

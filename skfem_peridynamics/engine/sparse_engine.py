@@ -91,7 +91,7 @@ class SparseEngine:
             return given[id(block)] if given else block.rates(None)
 
         dilated = self._to_vertices(lambda block: block.dilate(rate(block), x))
-        q = self.bonds.samples.take(beside.stiffness * dilated)
+        q = self.bonds.samples.take(beside.pressure(dilated))
         return self._gather(lambda block: block.squeeze(rate(block), q))
 
     def each(self, u: Floats, function: Callable[[Block, Floats], _T]) -> Iterator[_T]:

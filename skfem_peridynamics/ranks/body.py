@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -11,17 +11,21 @@ import numpy as np
 
 from .._types import Floats, Longs
 from ..analysis.damage import Census, Damage, Tally, census_and_tally
+from ..analysis.stress import vertex_virials
+from ..bonds.ball_rule import BallRule, support
 from ..bonds.bond_basis import BondBasis
-from ..bonds.pair_rule import PairRule
+from ..bonds.rule import Rule
+from ..geometry.simplices import vertex_volumes
 from ..material.composite import Composite
-from ..material.influence import Influence
+from ..material.influence import Influence, as_influence
 from ..material.material import Material
 from ..material.potential import Potential
 from ..model.peridynamics import Peridynamics
 from ..model.space import numbering_basis
 from ..model.vertex_stiffness import vertex_stiffness
-from .dealt_rule import DealtPairs
-from .halo import Halo
+from .dealt_mesh import DealtMesh
+from .dealt_rule import dealt
+from .dilated_ranks import DilatedRanks
 from .rank_moments import balanced_over_ranks
 from .share import Share
 
@@ -31,14 +35,13 @@ class RankBody:
     """The bonds that a rank computes, those that need no ghost (``inside``) and the others (``across``).
 
     Forces are those of the whole body at the rank's own vertices. Energies are the rank's part; :meth:`total` adds
-    parts up. Methods are called by all ranks at once.
+    parts up. Methods are called by all ranks at once. Where there is a dilatation all bonds are ``across``.
     """
 
-    comm: Any
-    share: Share
+    dealt: DealtMesh
     inside: Peridynamics | None
     across: Peridynamics | None
-    _halos: dict[int, Halo] = field(default_factory=dict, repr=False)
+    dilatation: DilatedRanks | None = None
 
     @classmethod
     def of(
@@ -47,7 +50,7 @@ class RankBody:
         share: Share,
         horizon: float,
         influence: Influence | str,
-        rule: PairRule,
+        rule: Rule,
         material: Material | Potential | Composite,
         no_fail: Longs | None = None,
         balanced: bool = False,
@@ -55,43 +58,67 @@ class RankBody:
         **options: Any,
     ) -> RankBody:
         """Return the body of a share; ``no_fail`` and ``w`` are of vertices of the rank's mesh, ghosts among them."""
-        basis, halos = numbering_basis(share.mesh), dict[int, Halo]()
-        rules = [DealtPairs(rule, share, inside) for inside in (True, False)]
+        mesh, basis = DealtMesh(comm, share), numbering_basis(share.mesh)
+        probe = Peridynamics(BondBasis(basis, horizon, influence, rule, w), material)
+        dilated = any(comm.allgather(any(probe.volumetric_energies)))
+        rules = dealt(rule, share, horizon, as_influence(influence), not dilated)
         made = [BondBasis(basis, horizon, influence, one, w) for one in rules]
         there = [bonds for bonds in made if bonds.parts]
         if min(comm.allgather(sum(bonds.nbonds for bonds in there))) == 0:
             raise ValueError(f"{comm.size} processes are too many: one of them would have no bond to compute")
+        if isinstance(rule, BallRule):
+            _check_support(mesh, rule, there)
         if balanced:
-            there = balanced_over_ranks(comm, share, there, lambda width: _halo(halos, comm, share, width))
+            there = balanced_over_ranks(mesh, there)
         bodies = iter([Peridynamics(bonds, material, no_fail, **options) for bonds in there])
-        inside, across = (next(bodies) if bonds.parts else None for bonds in made)
-        return cls(comm, share, inside, across, halos)
+        found = [next(bodies) if bonds.parts else None for bonds in made]
+        if not dilated:
+            inside, across = found
+            return cls(mesh, inside, across)
+        (body,) = found
+        assert body is not None
+        _ = body.engine  # made once, for the bonds with and without their dilatation
+        return cls(mesh, None, body.bonds_alone, DilatedRanks.of(mesh, body))
 
     # ---- what a stepper asks
-    symmetric = True
+    @property
+    def symmetric(self) -> bool:
+        """Whether the force is the gradient of the energy."""
+        return self.any_piece.symmetric
 
     def force(self, u: Floats) -> Floats:
         """Return the forces at the rank's own vertices; ghosts are on their way while bonds inside are computed."""
+        if self.dilatation is not None:
+            return self.dilatation.force(u)
         return self._applied(u, lambda piece, x: piece.force(x))
 
     def energy(self, u: Floats) -> float:
-        """Return the energy of the rank's bonds."""
-        x = self._halo(self.dim).extended(u)
-        return sum(piece.energy(x) for piece in self._pieces)
+        """Return the energy of the rank's bonds, and of the dilatation of its own vertices."""
+        x = self.dealt.halo(self.dim).extended(u)
+        beside = 0.0 if self.dilatation is None else self.dilatation.energy(x)
+        return sum(piece.energy(x) for piece in self._pieces) + beside
 
     def total(self, part: float) -> float:
         """Return the sum of what the ranks have."""
-        return float(self.comm.allreduce(part))
+        return self.dealt.total(part)
 
     # ---- what a run asks besides
+    @property
+    def comm(self) -> Any:
+        return self.dealt.comm
+
+    @property
+    def share(self) -> Share:
+        return self.dealt.share
+
     @property
     def dim(self) -> int:
         return int(self.share.mesh.dim())
 
     @property
     def any_piece(self) -> Peridynamics:
-        """Some of the bonds, for what all have in common: laws and moments."""
-        return self._pieces[0]
+        """Some of the bonds, for what all have in common: laws, moments, and constants of a dilatation."""
+        return self._pieces[0] if self.dilatation is None else self.dilatation.body
 
     @property
     def nbonds(self) -> int:
@@ -100,21 +127,37 @@ class RankBody:
 
     def stiffness(self, x: Floats) -> Floats:
         """Return the product of the stiffness at rest."""
+        return self.bond_stiffness(x) if self.dilatation is None else self.dilatation.stiffness(x)
+
+    def bond_stiffness(self, x: Floats) -> Floats:
+        """Return the product of the stiffness that bonds alone have at rest."""
         products = self._products
         return self._applied(x, lambda piece, y: products[id(piece)](y))
 
-    def vertex_stiffness(self) -> Floats:
-        """Return what all bonds hold the rank's own vertices with, (nown, dim, dim)."""
+    def vertex_stiffness(self, bounding: bool = False) -> Floats:
+        """Return what all bonds hold the rank's own vertices with, (nown, dim, dim); to bound the stiffness or not."""
         dim = self.dim
-        local = sum(vertex_stiffness(piece) for piece in self._pieces)
-        return self._halo(dim * dim).summed(np.asarray(local).ravel()).reshape(-1, dim, dim)
+        if self.dilatation is not None and bounding:
+            local = vertex_stiffness(self.dilatation.body, self.dilatation.body.bounding_weights())
+        else:
+            local = np.asarray(sum(vertex_stiffness(piece) for piece in self._pieces))
+        return self.dealt.halo(dim * dim).summed(local.ravel()).reshape(-1, dim, dim)
+
+    def stress(self, u: Floats) -> Floats:
+        """Return the stress at the rank's own vertices, (nown, dim, dim)."""
+        dim, x = self.dim, self.dealt.halo(self.dim).extended(u)
+        p = None if self.dilatation is None else self.dilatation.pressure_at_samples(x)
+        local = np.asarray(sum(vertex_virials(piece, x, p) for piece in self._pieces))
+        found = self.dealt.halo(dim * dim).summed(local.ravel()).reshape(-1, dim, dim)
+        return found / vertex_volumes(self.share.mesh)[: self.share.own, None, None]
 
     def look(self, u: Floats) -> tuple[Census, Damage]:
         """Return the census of the whole body, and the damage at the rank's own vertices."""
-        x, one = self._halo(self.dim).extended(u), self._halo(1)
+        x, one = self.dealt.halo(self.dim).extended(u), self.dealt.halo(1)
         found = [census_and_tally(piece, x) for piece in self._pieces]
         counts, tallies = [count for count, _ in found], [tally for _, tally in found]
         sums = np.array([[c.softened, c.energy_intact, c.energy_softened, c.area] for c in counts]).sum(axis=0)
+        sums[1] += 0.0 if self.dilatation is None else self.dilatation.energy(x)
         softened, intact, lost, area = self.comm.allreduce(sums)
         Z = max(self.comm.allgather(max(count.Z for count in counts)))
         whole = Census(float(Z), round(softened), float(intact), float(lost), float(area))
@@ -124,34 +167,15 @@ class RankBody:
 
     def gather(self, own: Floats) -> Floats | None:
         """Return a vector of the whole mesh on the first rank, None on the others."""
-        from mpi4py import MPI
-
-        width, (places, counts) = len(own) // self.share.own, self._everyone
-        if self.share.rank:
-            self.comm.Gatherv(own, None, root=0)
-            return None
-        found = np.empty(self.share.nvertices * width)
-        self.comm.Gatherv(own, (found, [count * width for count in counts], None, MPI.DOUBLE), root=0)
-        return found.reshape(-1, width)[places].ravel()
+        return self.dealt.gather(own)
 
     def scatter(self, whole: Floats | None) -> Floats:
         """Return the rank's own part of a vector that the first rank has of the whole mesh."""
-        from mpi4py import MPI
-
-        own, (places, counts) = np.empty(self.share.own * self.dim), self._everyone
-        if self.share.rank:
-            self.comm.Scatterv(None, own, root=0)
-            return own
-        assert whole is not None
-        ordered = np.empty((self.share.nvertices, self.dim))
-        ordered[places] = whole.reshape(self.share.nvertices, -1)
-        self.comm.Scatterv((ordered, [count * self.dim for count in counts], None, MPI.DOUBLE), own, root=0)
-        return own
+        return self.dealt.scatter(whole, self.dim)
 
     def close(self) -> None:
         """Give back what PETSc holds."""
-        while self._halos:
-            self._halos.popitem()[1].close()
+        self.dealt.close()
 
     # ---- how
     @cached_property
@@ -163,7 +187,7 @@ class RankBody:
         return {id(piece): piece.stiffness_operator().matvec for piece in self._pieces}
 
     def _applied(self, own: Floats, act: Callable[[Peridynamics, Floats], Floats]) -> Floats:
-        halo = self._halo(self.dim)
+        halo = self.dealt.halo(self.dim)
         x = halo.begin(own)
         local = act(self.inside, x) if self.inside is not None else np.zeros(len(x))
         x = halo.end()
@@ -171,22 +195,11 @@ class RankBody:
             local = local + act(self.across, x)
         return halo.summed(local)
 
-    def _halo(self, width: int) -> Halo:
-        return _halo(self._halos, self.comm, self.share, width)
 
-    @cached_property
-    def _everyone(self) -> tuple[Longs, list[int]]:
-        """On the first rank the place of each vertex in the order of the ranks, and how many each owns."""
-        found = self.comm.gather(self.share.number[: self.share.own], root=0)
-        if found is None:
-            return np.zeros(0, dtype=np.int64), []
-        places = np.empty(self.share.nvertices, dtype=np.int64)
-        places[np.concatenate(found)] = np.arange(self.share.nvertices)
-        return places, [len(numbers) for numbers in found]
-
-
-def _halo(halos: dict[int, Halo], comm: Any, share: Share, width: int) -> Halo:
-    """The exchange of so many numbers a vertex, made once."""
-    if width not in halos:
-        halos[width] = Halo(comm, share, width)
-    return halos[width]
+def _check_support(mesh: DealtMesh, rule: BallRule, pieces: list[BondBasis]) -> None:
+    """Raise ``ValueError`` for an own vertex that the bonds of all ranks do not hold in every direction."""
+    share, dim = mesh.share, int(mesh.share.mesh.dim())
+    local = np.asarray(sum(support(bonds.samples, bonds.parts) for bonds in pieces))
+    held = mesh.halo(dim * dim).summed(local.ravel()).reshape(-1, dim, dim)
+    own = share.own
+    rule.check_support(held, share.mesh.p[:, :own], vertex_volumes(share.mesh)[:own], share.number[:own])

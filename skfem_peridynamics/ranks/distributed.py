@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._types import Floats, Longs, Mesh
+from ..bonds.ball_rule import BallRule
 from ..bonds.bond_basis import BondBasis
 from ..bonds.pair_rule import PairRule
 from ..bonds.rule import Rule
@@ -38,7 +39,7 @@ def distributed(
     boundary_function: str | npt.ArrayLike | None = None,
     **options: Any,
 ) -> RankBody:
-    """Return a body of vertex pairs, dealt out over all ranks that ``mpiexec`` has started.
+    """Return a body that is dealt out over all ranks that ``mpiexec`` has started.
 
     Explicit steppers take it as they take any body; vectors are then a rank's own part. Only the first rank needs the
     mesh and the no-fail vertices, and holds the whole of them.
@@ -53,14 +54,14 @@ def distributed(
         What the body is made of, the same on all ranks, or a function that makes it of the mesh of a rank.
     influence : Influence or str, optional
         The influence function.
-    rule : PairRule, optional
-        Vertex pairs; the only rule that can be dealt out yet.
+    rule : PairRule or BallRule, optional
+        Vertex pairs, Gauss-point pairs or balls; corner pairs cannot be dealt out yet.
     no_fail : array_like of int, optional
         Vertices all of whose bonds stay linear.
     balanced : bool, optional
         With balanced weights, as :meth:`BondBasis.balanced` gives.
     boundary_function : {"smooth"} or array_like, (nvertices,), optional
-        The paper's w, on the first rank; it does not go with balanced weights yet.
+        The paper's w, on the first rank.
     **options
         ``threads`` (a rank's part of the cores that the ranks of its machine may use), ``matrix_memory`` and
         ``compiled`` of :class:`Peridynamics`.
@@ -86,15 +87,19 @@ def distributed(
         u = body.gather(state.u)                                  # on the first rank, of the whole mesh
     """
     rule = PairRule() if rule is None else rule
-    if not (isinstance(rule, PairRule) and rule.points == "vertices"):
-        raise ValueError(f"rule = {rule.name}: only vertex pairs can be dealt out over processes yet")
+    if not isinstance(rule, PairRule | BallRule):
+        raise ValueError(
+            f"rule = {rule.name}: corner pairs and rules of one's own cannot be dealt out over processes yet"
+        )
     comm = world()
     mine = None
     if comm.rank == 0:
         assert mesh is not None
         if mesh.nvertices < comm.size:
             raise ValueError(f"{comm.size} processes are too many for {mesh.nvertices} vertices")
-        owner = divided(mesh.p, bonds_of_vertices(mesh, horizon), comm.size)
+        if isinstance(rule, BallRule):
+            rule = rule.fitted(mesh, horizon)  # what follows the mesh follows the whole
+        owner = divided(mesh.p, work_of_vertices(mesh, horizon, rule), comm.size)
         chosen = np.zeros(mesh.nvertices, dtype=bool)
         if no_fail is not None:
             chosen[np.asarray(no_fail)] = True
@@ -102,15 +107,13 @@ def distributed(
         if boundary_function is not None:  # known where the whole boundary is
             w = BondBasis(numbering_basis(mesh), horizon, boundary_function=boundary_function).vertex_weight
         mine = [
-            (share, np.flatnonzero(chosen[share.number]), None if w is None else share.part(w))
-            for share in shares(mesh, owner, reach_of(mesh, horizon))
+            (rule, share, np.flatnonzero(chosen[share.number]), None if w is None else share.part(w))
+            for share in shares(mesh, owner, reach_of(mesh, horizon, rule, w is not None))
         ]
     share: Share
     local: Longs
     w_here: Floats | None
-    share, local, w_here = comm.scatter(mine, root=0)
-    if balanced and w_here is not None:
-        raise ValueError("balanced = True does not go with a boundary function over processes yet")
+    rule, share, local, w_here = comm.scatter(mine, root=0)
     made = material(share.mesh) if callable(material) and not isinstance(material, Potential) else material
     if isinstance(made, Material | Composite):
         for one in made.materials if isinstance(made, Composite) else (made,):
@@ -118,15 +121,29 @@ def distributed(
                 raise ValueError('calibrate = "discrete" cannot be measured over processes yet')
     options.setdefault("threads", threads_of_a_rank())
     chosen_here = local if len(local) else None
-    body = RankBody.of(comm, share, horizon, influence, rule, made, chosen_here, balanced, w_here, **options)
-    if any(comm.allgather(any(piece.dilatation is not None for piece in (body.inside, body.across) if piece))):
-        raise ValueError("a Poisson ratio other than that of bonds alone does not go over processes yet")
-    return body
+    return RankBody.of(comm, share, horizon, influence, rule, made, chosen_here, balanced, w_here, **options)
 
 
-def reach_of(mesh: Mesh, horizon: float) -> float:
-    """Return how far beyond its own vertices a rank's mesh goes: what its bonds meet has its whole size there."""
-    return horizon + float(vertex_sizes(mesh).max()) + float(longest_edge(mesh))
+def reach_of(mesh: Mesh, horizon: float, rule: Rule, weighted: bool = False) -> float:
+    """Return how far beyond its own vertices a rank's mesh goes: what its bonds meet has its whole size there.
+
+    A sample in an element is an edge at most from the vertex that owns it; so are the points about which moments are
+    integrated for balls, and where w is not 1 everywhere.
+    """
+    edges = 1.0 if isinstance(rule, PairRule) and rule.points == "vertices" and not weighted else 2.0
+    return horizon + float(vertex_sizes(mesh).max()) + edges * float(longest_edge(mesh))
+
+
+def work_of_vertices(mesh: Mesh, horizon: float, rule: Rule) -> Floats:
+    """Return about how many bonds each vertex has, (nvertices,): what a rank has to do is their sum.
+
+    Balls are as many at every outer point; a point in an element is that of its lowest vertex.
+    """
+    elements = np.bincount(mesh.t.min(axis=0), minlength=mesh.nvertices).astype(float)
+    if isinstance(rule, BallRule):
+        return elements if rule.outer == "gauss" else np.ones(mesh.nvertices)
+    bonds = bonds_of_vertices(mesh, horizon)
+    return bonds * elements if getattr(rule, "points", "vertices") == "gauss" else bonds
 
 
 def bonds_of_vertices(mesh: Mesh, horizon: float) -> Floats:

@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -14,8 +13,7 @@ from .._types import Floats, Longs
 from ..bonds.balance import balance_of, enough_for_four, kind_of_moments
 from ..bonds.bond_basis import BondBasis
 from ..bonds.moments import Moments, summed
-from .halo import Halo
-from .share import Share
+from .dealt_mesh import DealtMesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,10 +23,8 @@ class RankMoments(Moments):
     Every method is called by all ranks at once.
     """
 
-    comm: Any
-    share: Share
+    mesh: DealtMesh
     pieces: list[BondBasis]
-    halo: Callable[[int], Halo]
 
     def alone(self) -> RankMoments:
         return dataclasses.replace(self, four=False)
@@ -37,14 +33,14 @@ class RankMoments(Moments):
         return self.total(super().dot(a, b))
 
     def total(self, x: float) -> float:
-        return float(self.comm.allreduce(x))
+        return self.mesh.total(x)
 
     def largest(self, x: float) -> float:
-        return float(max(self.comm.allgather(x)))
+        return float(max(self.mesh.comm.allgather(x)))
 
     @property
     def vertex(self) -> Longs:
-        return np.arange(self.share.own)
+        return np.arange(self.mesh.share.own)
 
     def own_weights(self) -> list[Floats]:
         return [w for one in self._each for w in one.own_weights()]
@@ -90,24 +86,22 @@ class RankMoments(Moments):
     def _rows(self, y: Floats) -> Floats:
         """Rows of a piece from those of the rank's own vertices."""
         width = y.shape[1]
-        return self.halo(width).extended(y.ravel()).reshape(-1, width)[self._order]
+        return self.mesh.halo(width).extended(y.ravel()).reshape(-1, width)[self._order]
 
     def _added(self, of_pieces: list[Floats]) -> Floats:
         """Rows of the rank's own vertices from those of its pieces, with what other ranks have for them."""
         local = summed(of_pieces)
         width = local.shape[1]
-        at_vertices = np.zeros((self.share.mesh.nvertices, width))
+        at_vertices = np.zeros((self.mesh.share.mesh.nvertices, width))
         at_vertices[self._order] = local
-        return self.halo(width).summed(at_vertices.ravel()).reshape(-1, width)
+        return self.mesh.halo(width).summed(at_vertices.ravel()).reshape(-1, width)
 
 
-def balanced_over_ranks(
-    comm: Any, share: Share, pieces: list[BondBasis], halo: Callable[[int], Halo]
-) -> list[BondBasis]:
+def balanced_over_ranks(mesh: DealtMesh, pieces: list[BondBasis]) -> list[BondBasis]:
     """Return the pieces of a rank's bonds with balanced weights; the figures of their balance are of the whole body."""
-    nbonds = comm.allreduce(sum(piece.nbonds for piece in pieces))
-    four = enough_for_four(pieces[0], nbonds, share.nvertices)
-    found = balance_of(RankMoments(pieces[0], four, comm, share, pieces, halo))
+    nbonds = mesh.comm.allreduce(sum(piece.nbonds for piece in pieces))
+    four = enough_for_four(pieces[0], nbonds, mesh.share.nvertices)
+    found = balance_of(RankMoments(pieces[0], four, mesh, pieces))
     out, at = [], 0
     for piece in pieces:
         count = len(piece.parts)

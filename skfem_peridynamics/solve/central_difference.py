@@ -145,7 +145,9 @@ class _Motion:
         self.u, self.v, self.dt, self.step = u, v, dt, 0
         self.origin, self.first = 0.0, 0  # time and step since which dt is what it is
         self.work, self.dissipated, self.initial, self.ripple = 0.0, 0.0, 0.0, 0.0
-        self.reaction = np.zeros(mass.size if fixed else 0)
+        # where the body is dealt out over ranks, on any of them: a mass may have them meet
+        self.held = total(body, float(len(fixed))) > 0.0
+        self.reaction = np.zeros(mass.size if self.held else 0)
         self._room = np.empty(mass.size)  # for accelerations
         self._du = np.empty_like(u)
 
@@ -196,7 +198,7 @@ class _Motion:
         total = self.body.force(self.u) if self.breaking is None else self.breaking.force_and_break(self.u)
         if self.b is not None:
             total = total + self.b
-        if not self.fixed:
+        if not self.held:
             # in place: the state that was yielded before is a view, and over by now
             self.a = self.mass.solve(total, out=self._room)
             return
@@ -227,7 +229,7 @@ class _Motion:
             load, reaction = self.b, self.reaction.copy()
             self._accelerate()
             self.work += trapezoid(load, self.b, du)
-            if self.fixed:
+            if self.held:
                 self.work += trapezoid(reaction, self.reaction, du)
             if self.breaking is not None and self.breaking.state.last:
                 # what broke has pulled along half of this step only: the motion lacks that work

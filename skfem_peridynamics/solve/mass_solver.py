@@ -7,7 +7,8 @@ steps on that interval, no inner products, a linear map, the same bits every tim
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import scipy.sparse as sparse
@@ -33,6 +34,15 @@ class MassSolver(Protocol):
     def times(self, x: Floats) -> Floats: ...
 
     def solve(self, force: Floats, out: Floats | None = None) -> Floats: ...
+
+
+@runtime_checkable
+class MassOverRanks(Protocol):
+    """A mass that is dealt out over ranks, and makes its own solver; ``fixed`` are the rank's own unknowns."""
+
+    shape: tuple[int, int]
+
+    def solver(self, fixed: Longs) -> MassSolver: ...
 
 
 class Lumped:
@@ -69,12 +79,15 @@ class Factored:
 
 
 class Chebyshev:
-    """A sparse mass solved by Chebyshev's semi-iteration on the known bounds of a P1 mass."""
+    """A sparse mass solved by Chebyshev's semi-iteration on the known bounds of a P1 mass.
 
-    def __init__(self, M: Csr, free: Longs) -> None:
+    ``inner`` (nfree,) -> (nfree,) is its product among the ``free`` unknowns, where M has none that can be made of it.
+    """
+
+    def __init__(self, M: Csr, free: Longs, inner: Callable[[Floats], Floats] | None = None) -> None:
         self.M, self.free, self.size = M, free, M.shape[0]
-        self.inner = sparse.csr_matrix(M[free][:, free])
-        self.diagonal = self.inner.diagonal()
+        self.inner = inner if inner is not None else sparse.csr_matrix(M[free][:, free]).__matmul__
+        self.diagonal = M.diagonal()[free]
         self.middle, self.half = 0.5 * (_HIGH + _LOW), 0.5 * (_HIGH - _LOW)
         root = np.sqrt(_HIGH / _LOW)
         self.steps = int(np.ceil(np.log(2.0 / _REDUCTION) / np.log((root + 1.0) / (root - 1.0))))
@@ -91,7 +104,7 @@ class Chebyshev:
         ratio = self.half / self.middle
         rho = ratio
         for _ in range(self.steps):
-            r = r - self.inner @ d
+            r = r - self.inner(d)
             after = 1.0 / (2.0 / ratio - rho)
             d = after * rho * d + (2.0 * after / self.half) * (r / self.diagonal)
             x += d
@@ -101,7 +114,7 @@ class Chebyshev:
         return out
 
 
-def mass_solver(M: sparse.spmatrix | Floats, fixed: Longs) -> MassSolver:
+def mass_solver(M: sparse.spmatrix | Floats | MassOverRanks, fixed: Longs) -> MassSolver:
     """Return the solver of a mass: a diagonal (N,), or a matrix (N, N); ``fixed`` lists prescribed unknowns.
 
     Raises ``ValueError`` unless the diagonal is positive and finite.
@@ -113,6 +126,8 @@ def mass_solver(M: sparse.spmatrix | Floats, fixed: Longs) -> MassSolver:
     >>> mass_solver(M, np.array([], dtype=int)).solve(M @ np.array([1.0, 2.0, 3.0])).round(12).tolist()
     [1.0, 2.0, 3.0]
     """
+    if isinstance(M, MassOverRanks):
+        return M.solver(fixed)
     if isinstance(M, np.ndarray):
         diagonal: Floats = M.astype(float, copy=False)
     else:

@@ -15,6 +15,7 @@ import numpy as np
 from ..._types import Basis, Csr, Floats, Load, Longs, Mesh
 from ...analysis.damage import Census, Damage, Intact, census, census_and_damage
 from ...analysis.damage import damage as damage_of
+from ...analysis.stress import stress
 from ...bonds.ball_rule import BallRule
 from ...bonds.bond_basis import BondBasis
 from ...bonds.corner_rule import CornerRule
@@ -315,6 +316,10 @@ class Problem:
         if count and damage:
             return census_and_damage(self.body, state.u)
         return census(self.body, state.u) if count else None, damage_of(self.body, state.u) if damage else None
+
+    def stress(self, state: State | Equilibrium) -> Floats:
+        """Return the stress at the vertices at a state, (nvertices, dim, dim)."""
+        return stress(self.body, state.u)
 
     def intact(self, count: Census) -> Floats:
         """Return the fraction of each vertex's bonds that are left after a census."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...ranks.distributed import bonds_of_vertices, reach_of
+from ...ranks.distributed import reach_of, work_of_vertices
 from ...ranks.share import divided, shares
 from ..problem.problem import Problem
 from ..scene.reading import SceneError
@@ -17,10 +17,11 @@ def check(scene: Scene, nranks: int) -> list[tuple[str, str]]:
     mesh, horizon = problem.mesh, scene.bonds.horizon
     if mesh.nvertices < nranks:
         raise SceneError(f"--mpi {nranks}: so many processes are too many for {mesh.nvertices} vertices")
-    bonds = bonds_of_vertices(mesh, horizon)
-    owner = divided(mesh.p, bonds, nranks)
-    dealt = shares(mesh, owner, reach_of(mesh, horizon))
-    load = np.bincount(owner, bonds, minlength=nranks) / 2.0
+    rule, weighted = problem.rule, scene.bonds.boundary_function is not None
+    work = work_of_vertices(mesh, horizon, rule)
+    owner = divided(mesh.p, work, nranks)
+    dealt = shares(mesh, owner, reach_of(mesh, horizon, rule, weighted))
+    load = np.bincount(owner, work, minlength=nranks) * (problem.expected_bonds / work.sum())
     own = np.array([share.own for share in dealt])
     ghosts = np.array([share.mesh.nvertices for share in dealt]) - own
 

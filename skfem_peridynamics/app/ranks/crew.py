@@ -12,9 +12,11 @@ import numpy as np
 from ..._types import Csr, Floats, Load, Longs
 from ...analysis.damage import Census, Damage
 from ...bonds.bond_list import Balance
+from ...material.composite import Composite
 from ...ranks.body import RankBody
 from ...ranks.distributed import distributed
 from ...ranks.limit import stable_time_step
+from ...ranks.mass import RankMass
 from ...solve.central_difference import central_difference
 from ...solve.cfl import StepLimit
 from ...solve.constraints import Prescribed
@@ -37,7 +39,7 @@ class Crew:
     comm: Any
     scene: Scene
     body: RankBody
-    m: Floats
+    m: Floats | RankMass
     load: Load | None
     fixed: list[Prescribed]
     busy: bool = field(default=False, init=False)
@@ -52,18 +54,27 @@ class Crew:
     def of(cls, comm: Any, scene: Scene, problem: Problem | None) -> Crew:
         """Deal a problem, which the first rank has, out over all."""
         lead = problem is not None
+        found = None
+        if problem is not None:  # what follows the mesh is chosen for the whole
+            found = problem.discretisation.rule, problem.discretisation.balanced, problem.mass_kind
+        rule, balanced, kind = comm.bcast(found, root=0)
         body = distributed(
             problem.mesh if problem is not None else None,
             scene.bonds.horizon,
             lambda mesh: make_material(scene, mesh),
             influence=scene.bonds.influence,
-            rule=scene.bonds.make_rule(),
+            rule=rule,
             no_fail=None if problem is None else problem.no_fail,
-            balanced=bool(scene.bonds.balanced),
+            balanced=balanced,
             boundary_function=scene.bonds.boundary_function,
         )
         share = body.share
-        m = body.scatter(problem.mass.diagonal() if problem is not None else None)
+        m: Floats | RankMass
+        if kind == "consistent":
+            made = make_material(scene, share.mesh)
+            m = RankMass.of(body, made.density_on(share.mesh) if isinstance(made, Composite) else made.density)
+        else:
+            m = body.scatter(problem.mass.diagonal() if problem is not None else None)
         terms, sets = None, None
         if problem is not None:
             terms = problem.load_terms
@@ -153,6 +164,12 @@ class Crew:
         """The forces of the last state."""
         assert self.now is not None
         return self.body.gather(self.body.force(np.asarray(self.now.u)))
+
+    def stress(self) -> Floats | None:
+        """The stress at the vertices, of the last state."""
+        assert self.now is not None
+        found = self.body.gather(self.body.stress(np.asarray(self.now.u)).ravel())
+        return None if found is None else found.reshape(-1, self.body.dim, self.body.dim)
 
     def energy(self) -> float:
         """The energy of the last state."""

@@ -9,12 +9,17 @@ from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+
 from ..._types import Floats
 from ...analysis.damage import Census, Damage
+from ...material.composite import Composite
+from ...material.elastic import Elastic
+from ...material.material import Material
 from ...model.rigidity import check_rigidity
 from ...solve.cfl import StepLimit
 from ...solve.instability import UnstableRun
-from ...solve.mass_solver import Lumped
+from ...solve.mass_solver import Chebyshev, Lumped, MassSolver
 from ...solve.state import State
 from ..problem.problem import Problem
 from ..run.record import Marks
@@ -28,14 +33,10 @@ _SECONDS = 0.2  # of a block of steps after which the first rank looks up
 def refuse(scene: Scene) -> None:
     """Raise :class:`SceneError` for what does not go over several processes yet."""
     no = {
-        f"bonds.rule = {scene.bonds.rule!r}": scene.bonds.rule != "pairs",
-        "bonds.boundary_function with balanced = true": bool(scene.bonds.boundary_function and scene.bonds.balanced),
+        f"bonds.rule = {scene.bonds.rule!r}": scene.bonds.rule == "corners",
         f"time.scheme = {scene.time.scheme!r}": scene.time.scheme not in ("central_difference", "auto"),
-        'time.mass = "consistent"': scene.time.mass == "consistent",
         "material.breaking": scene.material.breaking is not None,
         'material.calibrate = "discrete"': scene.material.calibrate == "discrete",
-        "measure.j_integral": scene.measure.j_integral is not None,
-        "output.fields": bool(scene.output.fields),
     }
     found = [name for name, there in no.items() if there]
     if found:
@@ -59,13 +60,18 @@ class LeadingProblem(Problem):
         """What a run asks of all bonds."""
         counts, balance = self._crew.order("bonds")
         return SimpleNamespace(
-            nbonds=sum(counts), balance=balance, dim=int(self.mesh.dim()), mesh=self.mesh, ranks=counts
+            nbonds=sum(counts),
+            balance=balance,
+            dim=int(self.mesh.dim()),
+            mesh=self.mesh,
+            horizon=self.scene.bonds.horizon,
+            ranks=counts,
         )
 
     @cached_property
     def body_at_rest(self) -> Any:
         """What a run asks of the whole body."""
-        return WholeBody(self._crew, self.bonds)
+        return WholeBody(self._crew, self.bonds, self.material)
 
     @cached_property
     def body(self) -> Any:
@@ -100,6 +106,11 @@ class LeadingProblem(Problem):
     def intact(self, count: Census) -> Floats:
         """Return the fraction of each vertex's bonds that are left, at the state that was looked at last."""
         found: Floats = self._seen["look"][1].intact
+        return found
+
+    def stress(self, state: Any) -> Floats:
+        """Return the stress at the vertices, at the state that was made last."""
+        found: Floats = self._crew.order("stress")
         return found
 
     def states(self, dt: float, start: State | None, watch: Any) -> Iterator[State]:
@@ -139,18 +150,30 @@ class LeadingProblem(Problem):
     def _whole(self) -> State:
         """The last state, of the whole body."""
         numbers, (u, v, a) = self._crew.order("state")
-        return State(u=u, v=v, a=a, _body=self.body, _mass=Lumped(self.mass.diagonal()), **numbers)
+        return State(u=u, v=v, a=a, _body=self.body, _mass=self._whole_mass, **numbers)
+
+    @cached_property
+    def _whole_mass(self) -> MassSolver:
+        """The mass of the whole body: states only multiply with it."""
+        if self.mass_kind == "lumped":
+            return Lumped(self.mass.diagonal())
+        return Chebyshev(self.mass, np.zeros(0, dtype=np.int64))
 
 
 class WholeBody:
     """What a run asks of the body of all ranks, at the state that was made last."""
 
-    symmetric, dilatation = True, None
+    dilatation = None
 
-    def __init__(self, crew: Crew, bonds: Any) -> None:
-        self._crew, self.bonds, one = crew, bonds, crew.body.any_piece
+    def __init__(self, crew: Crew, bonds: Any, material: Material | Composite) -> None:
+        self._crew, self.bonds, self.material, one = crew, bonds, material, crew.body.any_piece
         self.laws, self.moments, self.compiles, self.crossing = one.laws, one.moments, one.compiles, one.crossing
-        self.blocks = one.blocks
+        self.blocks, self.symmetric = one.blocks, one.symmetric
+
+    @property
+    def elastic(self) -> Elastic:
+        """The constants of the material, where there is one."""
+        return self._crew.body.any_piece.elastic
 
     def force(self, u: Floats) -> Floats:
         """Return the forces."""

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
+from ...bonds.corner_rule import CornerRule
 from ...ranks.world import abort, world
 from ...solve.instability import UnstableRun
 from ..files.whole_files import OutputError
@@ -63,8 +64,8 @@ def over_ranks(read: Callable[[], Scene], lead: Callable[[Scene, LeadingProblem]
         scene = read()
         refuse(scene)
         problem = Problem(scene)
-        if problem.dilated >= 0.0:
-            raise SceneError("material.poisson, other than that of bonds alone, does not go with --mpi yet")
+        if isinstance(problem.rule, CornerRule):  # as the rule "auto" may choose
+            raise SceneError(f"bonds.rule: {problem.rule.name} do not go with --mpi yet; name another rule")
         for name in ("load", "fixed", "u0", "v0", "mass", "no_fail"):  # its mistakes are told before the others begin
             getattr(problem, name)
         try:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..._clock import Clock
 from ...analysis.damage import Census, Damage
-from ...analysis.stress import out_of_plane, strain, stress, voigt, von_mises
+from ...analysis.stress import out_of_plane, strain, voigt, von_mises
 from ...material.composite import Composite
 from ...solve.energy import Energies
 from ...solve.instability import Watch
@@ -166,7 +166,7 @@ class Record:
         fields = {"displacement": state.u} | ({"velocity": state.v} if isinstance(state, State) else {})
         fields |= {"damage": 1.0 - at_vertices.intact, "intact": at_vertices.intact, "Z": at_vertices.Z}
         if "stress" in asked:
-            tensors, across = stress(body, state.u), out_of_plane(self.problem.material, body.bonds.dim)
+            tensors, across = self.problem.stress(state), out_of_plane(self.problem.material, body.bonds.dim)
             fields["stress"] = voigt(tensors)
             if across is not None:
                 if body.bonds.dim == 2:
