@@ -51,7 +51,7 @@ class Cloud:
     def parts(self, mesh, samples: Samples, horizon: float, influence) -> list[Part]:
         n, (e, angle) = samples.nsamples, half_sphere(2, self.angular)
         nodes, W = radial_rule(np.ones_like, 2, self.radial)
-        way = np.einsum("nij,kj->nki", turns(2, n, 2 * len(e)), e).reshape(-1, 2)
+        way = np.einsum("nij,kj->nki", turns(2, np.arange(n), 2 * len(e)), e).reshape(-1, 2)
         x, site = np.repeat(samples.points, len(e), axis=0), np.repeat(np.arange(n), len(e))
         rays = Tracer(mesh).march(x, np.repeat(samples.element, len(e)), way, horizon, nodes)
         full = 2.0 * samples.volume[site] * np.tile(angle, n) * rays.reach**2

@@ -259,7 +259,8 @@ class CornerRule:
         # the bond force
         nodes, W = radial_rule(lambda s: influence(s) * (s >= whole), dim, self.radial)
         nodes_cut, W_cut = radial_rule(lambda s: np.where(s >= whole, 1.0, 0.0), dim, self.radial)
-        way = np.einsum("nij,kj->nki", turns(dim, n, len(e)), e).reshape(-1, dim)
+        along = np.arange(n) if samples.along is None else samples.along
+        way = np.einsum("nij,kj->nki", turns(dim, along, len(e)), e).reshape(-1, dim)
         x = np.repeat(samples.points, len(e), axis=0)
         vertex = np.repeat(samples.vertices[:, 0].astype(np.int64), len(e))
         tracer = Tracer(mesh)

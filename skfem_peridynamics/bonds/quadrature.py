@@ -7,7 +7,7 @@ from math import pi
 
 import numpy as np
 
-from .._types import Floats
+from .._types import Floats, Longs
 from ..geometry.tensors import powers
 
 # Lebedev degrees with positive weights only (13, 25 and 27 have negative ones), and angles by which each is turned.
@@ -99,21 +99,23 @@ def half_sphere(dim: int, at_least: int) -> tuple[Floats, Floats]:
     return np.ascontiguousarray(e[:, upper].T), w[upper]
 
 
-def turns(dim: int, n: int, count: int) -> Floats:
+def turns(dim: int, numbers: Longs, count: int) -> Floats:
     """Return rotations (n, dim, dim) of which no few that follow each other are alike, in two or three dimensions.
+
+    ``numbers`` (n,) are their places in the sequence.
 
     Angles by the golden ratio within one of ``count`` equal parts of the circle; in 3D quaternions by three irrational
     numbers (Shoemake; the sequence by the root of g^4 = g + 1).
 
-    >>> R = turns(3, 5, 26)
+    >>> R = turns(3, np.arange(5), 26)
     >>> bool(np.allclose(R @ R.transpose(0, 2, 1), np.eye(3)) and (np.linalg.det(R) > 0).all())
     True
     """
     if dim == 2:
-        angle = (np.arange(n) * _GOLDEN) % 1.0 * (2.0 * pi / count)
+        angle = (numbers * _GOLDEN) % 1.0 * (2.0 * pi / count)
         c, s = np.cos(angle), np.sin(angle)
         return np.moveaxis(np.array([[c, -s], [s, c]]), 2, 0)
-    u = (np.arange(1, n + 1)[:, None] / _ROOT ** np.arange(1, 4)) % 1.0
+    u = ((numbers[:, None] + 1) / _ROOT ** np.arange(1, 4)) % 1.0
     a, b = np.sqrt(1.0 - u[:, 0]), np.sqrt(u[:, 0])
     x, y = a * np.sin(2.0 * pi * u[:, 1]), a * np.cos(2.0 * pi * u[:, 1])
     z, w = b * np.sin(2.0 * pi * u[:, 2]), b * np.cos(2.0 * pi * u[:, 2])

@@ -24,7 +24,7 @@ class Samples:
     ``vertices`` and ``values`` (n, k): the vertices of the mesh that make up each sample; k is 1 where all samples are
     vertices. ``sites`` are the numbers of the outer points, ``volume`` (nsites,) their quadrature weights, ``element``
     (nsites,) the element that holds each, -1 for a vertex. ``place`` (nvertices,) is the sample of each vertex, -1
-    where there is none.
+    where there is none. ``along`` (nsamples,), of a part of a body, are the numbers along the whole.
     """
 
     points: Floats
@@ -36,6 +36,7 @@ class Samples:
     element: Longs
     place: Longs
     nvertices: int
+    along: Longs | None = None
 
     @property
     def nsamples(self) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 
 from .._types import Csr, Floats, Longs
 from ..bonds.ball_rule import BallRule
+from ..bonds.pair_bonds import PairBonds
 from ..engine.block import Block
 from .dilatation import Dilatation
 from .peridynamics import Peridynamics
@@ -212,20 +213,68 @@ class Breaking(Peridynamics):
         np.add.at(state.lost, C.indices + broken_bonds.window.start, C.data)
         return broken_bonds
 
+    def kept(self, broken: Sequence[Longs]) -> Sequence[Longs]:
+        """Return broken bonds as they are kept in files: by their ends, where these are vertices.
+
+        Parameters
+        ----------
+        broken : sequence of ndarray of int
+            Numbers of bonds, block by block; or what this has returned.
+
+        Returns
+        -------
+        sequence of ndarray of int
+            One array of pairs of vertices, (nbroken, 2), sorted; of other rules the numbers.
+        """
+        if not self.bonds.samples.at_vertices or isinstance(self.bonds.rule, BallRule) or _are_pairs(broken):
+            return broken
+        pairs = [self._ends(block.some(np.sort(numbers))) for block, numbers in zip(self.blocks, broken, strict=True)]
+        return (sorted_pairs(np.concatenate(pairs)),)
+
+    def numbers_of(self, pairs: Longs) -> list[Longs]:
+        """Return the numbers of bonds, block by block, that join these vertices; pairs without a bond are left out.
+
+        Parameters
+        ----------
+        pairs : ndarray of int, (n, 2)
+            Vertices of the mesh.
+
+        Returns
+        -------
+        list of ndarray of int
+            An array a block.
+        """
+        keys = _keys(pairs, self.bonds.mesh.nvertices)
+        every = (_keys(self._ends(block), self.bonds.mesh.nvertices) for block in self.blocks)
+        return [np.flatnonzero(np.isin(of_block, keys)) for of_block in every]
+
+    def _ends(self, block: Block) -> Longs:
+        """The vertices at the ends of the bonds of a block of pairs, (n, 2)."""
+        part = block.part
+        assert isinstance(part, PairBonds)
+        ends = part.ends if block.which is None else part.ends[block.which]
+        found: Longs = self.bonds.samples.vertices[ends + np.int32(part.first), 0].astype(np.int64)
+        return found
+
     def recall(self, broken: Sequence[Longs] | None) -> None:
         """Break the listed bonds: the state of an earlier run.
 
         Parameters
         ----------
         broken : sequence of ndarray of int, or None
-            Numbers of bonds, block by block; None makes all whole.
+            Numbers of bonds, block by block, or one array of pairs of vertices; None makes all whole.
 
         Raises
         ------
         ValueError
             If they are not bonds of this body.
         """
-        broken = self._whole().broken if broken is None else broken
+        if broken is None or not sum(map(len, broken)):
+            broken = self._whole().broken
+        if _are_pairs(broken):
+            pairs, broken = broken[0], self.numbers_of(broken[0])
+            if sum(map(len, broken)) != len(pairs):
+                raise ValueError("the broken bonds of the state to start from are not bonds of this body")
         fits = len(broken) == len(self.blocks) and all(
             len(numbers) == 0
             or (0 <= numbers.min() <= numbers.max() < len(block.k) and len(np.unique(numbers)) == len(numbers))
@@ -244,3 +293,23 @@ class Breaking(Peridynamics):
 
     def _whole(self) -> BondState:
         return BondState([np.zeros(0, dtype=np.int64) for _ in self.blocks], np.zeros(self.bonds.samples.nsamples))
+
+
+def sorted_pairs(pairs: Longs) -> Longs:
+    """Return pairs (n, 2) with the lower number first, in order.
+
+    >>> sorted_pairs(np.array([[3, 1], [0, 2]])).tolist()
+    [[0, 2], [1, 3]]
+    """
+    pairs = np.sort(pairs.reshape(-1, 2), axis=1)
+    return np.asarray(pairs[np.lexsort(pairs.T[::-1])], dtype=np.int64)
+
+
+def _are_pairs(broken: Sequence[Longs]) -> bool:
+    return len(broken) == 1 and broken[0].ndim == 2
+
+
+def _keys(pairs: Longs, nvertices: int) -> Longs:
+    """A number for each pair of vertices, whichever comes first."""
+    keys: Longs = pairs.min(axis=1, initial=nvertices) * np.int64(nvertices) + pairs.max(axis=1, initial=0)
+    return keys

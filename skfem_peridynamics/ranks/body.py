@@ -9,24 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from .._types import Floats, Longs
+from .._types import Floats
 from ..analysis.damage import Census, Damage, Tally, census_and_tally
 from ..analysis.stress import vertex_virials
-from ..bonds.ball_rule import BallRule, support
-from ..bonds.bond_basis import BondBasis
-from ..bonds.rule import Rule
 from ..geometry.simplices import vertex_volumes
-from ..material.composite import Composite
-from ..material.influence import Influence, as_influence
-from ..material.material import Material
-from ..material.potential import Potential
 from ..model.peridynamics import Peridynamics
-from ..model.space import numbering_basis
 from ..model.vertex_stiffness import vertex_stiffness
 from .dealt_mesh import DealtMesh
-from .dealt_rule import dealt
 from .dilated_ranks import DilatedRanks
-from .rank_moments import balanced_over_ranks
 from .share import Share
 
 
@@ -42,43 +32,6 @@ class RankBody:
     inside: Peridynamics | None
     across: Peridynamics | None
     dilatation: DilatedRanks | None = None
-
-    @classmethod
-    def of(
-        cls,
-        comm: Any,
-        share: Share,
-        horizon: float,
-        influence: Influence | str,
-        rule: Rule,
-        material: Material | Potential | Composite,
-        no_fail: Longs | None = None,
-        balanced: bool = False,
-        w: Floats | None = None,
-        **options: Any,
-    ) -> RankBody:
-        """Return the body of a share; ``no_fail`` and ``w`` are of vertices of the rank's mesh, ghosts among them."""
-        mesh, basis = DealtMesh(comm, share), numbering_basis(share.mesh)
-        probe = Peridynamics(BondBasis(basis, horizon, influence, rule, w), material)
-        dilated = any(comm.allgather(any(probe.volumetric_energies)))
-        rules = dealt(rule, share, horizon, as_influence(influence), not dilated)
-        made = [BondBasis(basis, horizon, influence, one, w) for one in rules]
-        there = [bonds for bonds in made if bonds.parts]
-        if min(comm.allgather(sum(bonds.nbonds for bonds in there))) == 0:
-            raise ValueError(f"{comm.size} processes are too many: one of them would have no bond to compute")
-        if isinstance(rule, BallRule):
-            _check_support(mesh, rule, there)
-        if balanced:
-            there = balanced_over_ranks(mesh, there)
-        bodies = iter([Peridynamics(bonds, material, no_fail, **options) for bonds in there])
-        found = [next(bodies) if bonds.parts else None for bonds in made]
-        if not dilated:
-            inside, across = found
-            return cls(mesh, inside, across)
-        (body,) = found
-        assert body is not None
-        _ = body.engine  # made once, for the bonds with and without their dilatation
-        return cls(mesh, None, body.bonds_alone, DilatedRanks.of(mesh, body))
 
     # ---- what a stepper asks
     @property
@@ -156,11 +109,12 @@ class RankBody:
         x, one = self.dealt.halo(self.dim).extended(u), self.dealt.halo(1)
         found = [census_and_tally(piece, x) for piece in self._pieces]
         counts, tallies = [count for count, _ in found], [tally for _, tally in found]
-        sums = np.array([[c.softened, c.energy_intact, c.energy_softened, c.area] for c in counts]).sum(axis=0)
+        names = ("softened", "energy_intact", "energy_softened", "area", "broken")
+        sums = np.array([sum(getattr(c, name) for c in counts) for name in names], dtype=float)
         sums[1] += 0.0 if self.dilatation is None else self.dilatation.energy(x)
-        softened, intact, lost, area = self.comm.allreduce(sums)
+        softened, intact, lost, area, broken = self.comm.allreduce(sums)
         Z = max(self.comm.allgather(max(count.Z for count in counts)))
-        whole = Census(float(Z), round(softened), float(intact), float(lost), float(area))
+        whole = Census(float(Z), round(softened), float(intact), float(lost), float(area), round(broken))
         largest = one.largest(np.max([tally.Z for tally in tallies], axis=0))
         every, gone = (one.summed(np.sum([getattr(t, name) for t in tallies], axis=0)) for name in ("every", "gone"))
         return whole, Tally(largest, every, gone, whole.softened).damage()
@@ -194,12 +148,3 @@ class RankBody:
         if self.across is not None:
             local = local + act(self.across, x)
         return halo.summed(local)
-
-
-def _check_support(mesh: DealtMesh, rule: BallRule, pieces: list[BondBasis]) -> None:
-    """Raise ``ValueError`` for an own vertex that the bonds of all ranks do not hold in every direction."""
-    share, dim = mesh.share, int(mesh.share.mesh.dim())
-    local = np.asarray(sum(support(bonds.samples, bonds.parts) for bonds in pieces))
-    held = mesh.halo(dim * dim).summed(local.ravel()).reshape(-1, dim, dim)
-    own = share.own
-    rule.check_support(held, share.mesh.p[:, :own], vertex_volumes(share.mesh)[:own], share.number[:own])

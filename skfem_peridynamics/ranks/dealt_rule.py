@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -45,9 +46,8 @@ class DealtRule:
     def parts(self, mesh: Mesh, samples: Samples, horizon: float, influence: Influence) -> list[Part]:
         return self.bonds
 
-    @property
-    def holds_influence(self) -> bool:
-        return bool(getattr(self.rule, "holds_influence", False))
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.rule, name)
 
 
 def dealt(rule: Rule, share: Share, horizon: float, influence: Influence, apart: bool) -> list[DealtRule]:
@@ -57,6 +57,8 @@ def dealt(rule: Rule, share: Share, horizon: float, influence: Influence, apart:
     of its middle. A sample in an element is that of the element's lowest vertex.
     """
     samples = rule.samples(share.mesh)
+    if share.along is not None:
+        samples = dataclasses.replace(samples, along=share.along[samples.vertices[:, 0]])
     stands_for = _vertices(samples, share)
     if isinstance(rule, BallRule):
         mine = share.owner[stands_for[samples.sites]] == share.rank

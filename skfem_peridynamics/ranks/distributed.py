@@ -11,9 +11,10 @@ import numpy.typing as npt
 from .._types import Floats, Longs, Mesh
 from ..bonds.ball_rule import BallRule
 from ..bonds.bond_basis import BondBasis
+from ..bonds.corner_rule import CornerRule
 from ..bonds.pair_rule import PairRule
 from ..bonds.rule import Rule
-from ..geometry.neighbours import pairs_within
+from ..geometry.neighbours import local_order, pairs_within
 from ..geometry.simplices import longest_edge, vertex_sizes
 from ..material.composite import Composite
 from ..material.influence import Influence
@@ -21,6 +22,7 @@ from ..material.material import Material
 from ..material.potential import Potential
 from ..model.space import numbering_basis
 from .body import RankBody
+from .make_body import make_body
 from .share import Share, divided, shares
 from .world import threads_of_a_rank, world
 
@@ -37,6 +39,7 @@ def distributed(
     no_fail: npt.ArrayLike | None = None,
     balanced: bool = False,
     boundary_function: str | npt.ArrayLike | None = None,
+    breaking: float | None = None,
     **options: Any,
 ) -> RankBody:
     """Return a body that is dealt out over all ranks that ``mpiexec`` has started.
@@ -54,14 +57,17 @@ def distributed(
         What the body is made of, the same on all ranks, or a function that makes it of the mesh of a rank.
     influence : Influence or str, optional
         The influence function.
-    rule : PairRule or BallRule, optional
-        Vertex pairs, Gauss-point pairs or balls; corner pairs cannot be dealt out yet.
+    rule : PairRule, BallRule or CornerRule, optional
+        Vertex pairs by default.
     no_fail : array_like of int, optional
         Vertices all of whose bonds stay linear.
     balanced : bool, optional
         With balanced weights, as :meth:`BondBasis.balanced` gives.
     boundary_function : {"smooth"} or array_like, (nvertices,), optional
         The paper's w, on the first rank.
+    breaking : float, optional
+        How many times their critical strain bonds bear before they break for good, as of :class:`Breaking`; of vertex
+        pairs, without a dilatation.
     **options
         ``threads`` (a rank's part of the cores that the ranks of its machine may use), ``matrix_memory`` and
         ``compiled`` of :class:`Peridynamics`.
@@ -87,18 +93,19 @@ def distributed(
         u = body.gather(state.u)                                  # on the first rank, of the whole mesh
     """
     rule = PairRule() if rule is None else rule
-    if not isinstance(rule, PairRule | BallRule):
-        raise ValueError(
-            f"rule = {rule.name}: corner pairs and rules of one's own cannot be dealt out over processes yet"
-        )
+    if not isinstance(rule, PairRule | BallRule | CornerRule):
+        raise ValueError(f"rule = {rule.name}: rules of one's own cannot be dealt out over processes yet")
     comm = world()
     mine = None
     if comm.rank == 0:
         assert mesh is not None
         if mesh.nvertices < comm.size:
             raise ValueError(f"{comm.size} processes are too many for {mesh.nvertices} vertices")
-        if isinstance(rule, BallRule):
+        along = None
+        if isinstance(rule, BallRule | CornerRule):
             rule = rule.fitted(mesh, horizon)  # what follows the mesh follows the whole
+        if isinstance(rule, CornerRule):
+            along = np.argsort(local_order(mesh.p))
         owner = divided(mesh.p, work_of_vertices(mesh, horizon, rule), comm.size)
         chosen = np.zeros(mesh.nvertices, dtype=bool)
         if no_fail is not None:
@@ -106,9 +113,9 @@ def distributed(
         w = None
         if boundary_function is not None:  # known where the whole boundary is
             w = BondBasis(numbering_basis(mesh), horizon, boundary_function=boundary_function).vertex_weight
+        dealt = shares(mesh, owner, reach_of(mesh, horizon, rule, w is not None), along)
         mine = [
-            (rule, share, np.flatnonzero(chosen[share.number]), None if w is None else share.part(w))
-            for share in shares(mesh, owner, reach_of(mesh, horizon, rule, w is not None))
+            (rule, share, np.flatnonzero(chosen[share.number]), None if w is None else share.part(w)) for share in dealt
         ]
     share: Share
     local: Longs
@@ -121,7 +128,7 @@ def distributed(
                 raise ValueError('calibrate = "discrete" cannot be measured over processes yet')
     options.setdefault("threads", threads_of_a_rank())
     chosen_here = local if len(local) else None
-    return RankBody.of(comm, share, horizon, influence, rule, made, chosen_here, balanced, w_here, **options)
+    return make_body(comm, share, horizon, influence, rule, made, chosen_here, balanced, w_here, breaking, **options)
 
 
 def reach_of(mesh: Mesh, horizon: float, rule: Rule, weighted: bool = False) -> float:
@@ -131,17 +138,20 @@ def reach_of(mesh: Mesh, horizon: float, rule: Rule, weighted: bool = False) -> 
     integrated for balls, and where w is not 1 everywhere.
     """
     edges = 1.0 if isinstance(rule, PairRule) and rule.points == "vertices" and not weighted else 2.0
+    # the weight of a corner pair is that of the balls about both ends
+    horizon *= 2.0 if isinstance(rule, CornerRule) else 1.0
     return horizon + float(vertex_sizes(mesh).max()) + edges * float(longest_edge(mesh))
 
 
 def work_of_vertices(mesh: Mesh, horizon: float, rule: Rule) -> Floats:
     """Return about how many bonds each vertex has, (nvertices,): what a rank has to do is their sum.
 
-    Balls are as many at every outer point; a point in an element is that of its lowest vertex.
+    Of balls, and of the pairs that stand for them, there are as many at every outer point; a point in an element is
+    that of its lowest vertex.
     """
     elements = np.bincount(mesh.t.min(axis=0), minlength=mesh.nvertices).astype(float)
-    if isinstance(rule, BallRule):
-        return elements if rule.outer == "gauss" else np.ones(mesh.nvertices)
+    if isinstance(rule, BallRule | CornerRule):
+        return elements if getattr(rule, "outer", "vertices") == "gauss" else np.ones(mesh.nvertices)
     bonds = bonds_of_vertices(mesh, horizon)
     return bonds * elements if getattr(rule, "points", "vertices") == "gauss" else bonds
 

@@ -14,7 +14,8 @@ class Share:
     """A mesh of a rank's own vertices, first, and of ghosts, which others own; each in the order of the whole mesh.
 
     ``number`` and ``owner`` (nvertices,): their numbers in the whole mesh and the ranks that own them. ``place`` are
-    numbers in the order of the ranks, as PETSc counts. ``nvertices`` are those of the whole.
+    numbers in the order of the ranks, as PETSc counts. ``nvertices`` are those of the whole. ``along`` (nvertices,) are
+    their numbers along it, where a rule asks for these.
     """
 
     mesh: Mesh
@@ -24,6 +25,7 @@ class Share:
     own: int
     rank: int
     nvertices: int
+    along: Longs | None = None
 
     def part(self, values: Floats) -> Floats:
         """Return of values at the whole mesh, (nvertices,) or (nvertices, m), those of the rank's mesh."""
@@ -57,7 +59,7 @@ def divided(x: Floats, weight: Floats, parts: int) -> Longs:
     return out
 
 
-def shares(mesh: Mesh, owner: Longs, reach: float) -> list[Share]:
+def shares(mesh: Mesh, owner: Longs, reach: float, along: Longs | None = None) -> list[Share]:
     """Return the shares of all ranks: elements with a corner within ``reach`` of one of their own vertices."""
     from scipy.spatial import cKDTree
 
@@ -77,9 +79,10 @@ def shares(mesh: Mesh, owner: Longs, reach: float) -> list[Share]:
         part = type(mesh)(np.ascontiguousarray(mesh.p[:, number]), t)
         names = mesh.subdomains or {}
         if names:
-            there = np.full(mesh.nelements, -1, dtype=np.int64)
-            there[elements] = np.arange(len(elements))
-            tags = {name: there[which][there[which] >= 0] for name, which in names.items()}
+            found = np.full(mesh.nelements, -1, dtype=np.int64)
+            found[elements] = np.arange(len(elements))
+            tags = {name: found[which][found[which] >= 0] for name, which in names.items()}
             part = part.with_subdomains(tags)
-        out.append(Share(part, number, owner[number], place[number], len(own), rank, int(mesh.nvertices)))
+        there = None if along is None else along[number]
+        out.append(Share(part, number, owner[number], place[number], len(own), rank, int(mesh.nvertices), there))
     return out

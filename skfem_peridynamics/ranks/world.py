@@ -68,6 +68,7 @@ def abort(code: int) -> None:
         stream.flush()
         _wait_for_reader(stream)
     world().Abort(code)
+    os._exit(code)  # where the call comes back, as it may when another rank was first
 
 
 def _wait_for_reader(stream: TextIO) -> None:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from math import ceil
-from typing import Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import scipy.sparse as sparse
 
-from .._types import Floats, Load
-from ..model.breaking import Breaking
+from .._types import Floats, Load, Longs
 from ..model.peridynamics import Peridynamics
 from .cfl import StepLimit
 from .constraints import Prescribed, check_fixed
@@ -26,6 +25,20 @@ class Body(Protocol):
     """What a scheme needs of a body; ``energy`` is asked for only when energies are read."""
 
     def force(self, u: Floats) -> Floats: ...
+
+
+@runtime_checkable
+class Breakable(Protocol):
+    """A body whose bonds break for good."""
+
+    @property
+    def state(self) -> Any: ...
+
+    def force_and_break(self, u: Floats) -> Floats: ...
+
+    def work_of_last(self, du: Floats) -> float: ...
+
+    def recall(self, broken: Sequence[Longs] | None) -> None: ...
 
 
 def central_difference(
@@ -141,7 +154,7 @@ class _Motion:
         fixed: Sequence[Prescribed],
     ) -> None:
         self.body, self.mass, self.load, self.fixed = body, mass, load, fixed
-        self.breaking = body if isinstance(body, Breaking) else None
+        self.breaking = body if isinstance(body, Breakable) else None
         self.u, self.v, self.dt, self.step = u, v, dt, 0
         self.origin, self.first = 0.0, 0  # time and step since which dt is what it is
         self.work, self.dissipated, self.initial, self.ripple = 0.0, 0.0, 0.0, 0.0

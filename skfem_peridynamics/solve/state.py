@@ -218,7 +218,8 @@ def contents(state: State | Equilibrium) -> tuple[dict[str, float], dict[str, Fl
         numbers["spent"] = state.memory.spent
         if state.memory.tangent is not None:
             vectors["tangent"] = state.memory.tangent
-    return numbers, vectors, state.broken
+    broken, kept = state.broken, getattr(state._body, "kept", None)
+    return numbers, vectors, tuple(kept(broken)) if broken is not None and kept is not None else broken
 
 
 def rebuilt(
@@ -236,5 +237,7 @@ def rebuilt(
     if "spent" in numbers:
         given["memory"] = SolverMemory(int(numbers["spent"]), tangent)
     if broken is not None:
-        given["broken"] = tuple(np.asarray(bonds, dtype=np.int64).reshape(-1) for bonds in broken)
+        arrays = [np.asarray(bonds, dtype=np.int64) for bonds in broken]
+        # pairs of vertices, or numbers block by block
+        given["broken"] = tuple(x if x.ndim == 2 and x.shape[1] == 2 else x.reshape(-1) for x in arrays)
     return kind(**given)

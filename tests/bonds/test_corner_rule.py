@@ -39,7 +39,7 @@ def toughness(bonds, directions=24, levels=8):
     turn = np.pi * (np.arange(directions) + 0.25) / directions
     plane = np.moveaxis(np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]), 2, 0)
     out = []
-    for n, *along in plane if dim == 2 else turns(3, directions, 1):
+    for n, *along in plane if dim == 2 else turns(3, np.arange(directions), 1):
         near, far, middle = x @ n, y @ n, 0.5 * (x + y)
         inside = np.all([np.abs(middle @ a) < half for a in along], axis=0)
         cut = [measure[inside & ((near - c) * (far - c) < 0)].sum() for c in np.linspace(-0.06, 0.06, levels)]

@@ -286,7 +286,8 @@ def test_schemes_break_and_restart_with_the_same_bits(scheme, tmp_path):
         again = [s.copy() for s in run_of(scheme, other, start=start)]
         assert np.array_equal(again[-1].u, whole[-1].u)
         assert again[-1].dissipated == whole[-1].dissipated
-        assert [one.tolist() for one in again[-1].broken] == [one.tolist() for one in whole[-1].broken]
+        # a file knows which bonds are broken, not which was first
+        assert [sorted(one) for one in again[-1].broken] == [sorted(one) for one in whole[-1].broken]
 
 
 def test_implicit_balance_over_the_break():

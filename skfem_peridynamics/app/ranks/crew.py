@@ -13,7 +13,9 @@ from ..._types import Csr, Floats, Load, Longs
 from ...analysis.damage import Census, Damage
 from ...bonds.bond_list import Balance
 from ...material.composite import Composite
+from ...model.breaking import sorted_pairs
 from ...ranks.body import RankBody
+from ...ranks.breaking_ranks import BreakingRanks
 from ...ranks.distributed import distributed
 from ...ranks.limit import stable_time_step
 from ...ranks.mass import RankMass
@@ -67,6 +69,7 @@ class Crew:
             no_fail=None if problem is None else problem.no_fail,
             balanced=balanced,
             boundary_function=scene.bonds.boundary_function,
+            breaking=scene.material.breaking,
         )
         share = body.share
         m: Floats | RankMass
@@ -149,8 +152,17 @@ class Crew:
         """The numbers of the last state, whole, and its vectors."""
         assert self.now is not None
         now, add = self.now, self.body.total
-        numbers = {"t": now.t, "step": now.step, "dt": now.dt, "work": add(now.work), "initial": now.initial}
+        numbers: dict[str, Any] = {
+            "t": now.t,
+            "step": now.step,
+            "dt": now.dt,
+            "work": add(now.work),
+            "initial": now.initial,
+        }
         numbers |= {"initial_ripple": now.initial_ripple, "dissipated": add(now.dissipated)}
+        if isinstance(self.body, BreakingRanks):
+            found = self.comm.gather(self.body.broken_pairs(), root=0)
+            numbers["broken"] = None if found is None else (sorted_pairs(np.concatenate(found)),)
         return numbers, [self.body.gather(x) for x in (now.u, now.v, now.a)]
 
     def look(self) -> tuple[Census, Damage | None]:

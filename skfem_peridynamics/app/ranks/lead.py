@@ -33,9 +33,7 @@ _SECONDS = 0.2  # of a block of steps after which the first rank looks up
 def refuse(scene: Scene) -> None:
     """Raise :class:`SceneError` for what does not go over several processes yet."""
     no = {
-        f"bonds.rule = {scene.bonds.rule!r}": scene.bonds.rule == "corners",
         f"time.scheme = {scene.time.scheme!r}": scene.time.scheme not in ("central_difference", "auto"),
-        "material.breaking": scene.material.breaking is not None,
         'material.calibrate = "discrete"': scene.material.calibrate == "discrete",
     }
     found = [name for name, there in no.items() if there]
@@ -118,7 +116,7 @@ class LeadingProblem(Problem):
         time_table, crew = self.scene.time, self._crew
         steps, output = round(time_table.until / dt), self.scene.output
         if start is not None:
-            numbers = {name: getattr(start, name) for name in State.NUMBERS if name != "lag"}
+            numbers = {name: getattr(start, name) for name in (*State.NUMBERS, "broken") if name != "lag"}
             crew.start, crew.given = numbers, (start.u, start.v, start.a)
         else:
             crew.given = (self.u0, self.v0, None)

@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ...bonds.corner_rule import CornerRule
 from ...ranks.world import abort, world
 from ...solve.instability import UnstableRun
 from ..files.whole_files import OutputError
@@ -64,8 +63,6 @@ def over_ranks(read: Callable[[], Scene], lead: Callable[[Scene, LeadingProblem]
         scene = read()
         refuse(scene)
         problem = Problem(scene)
-        if isinstance(problem.rule, CornerRule):  # as the rule "auto" may choose
-            raise SceneError(f"bonds.rule: {problem.rule.name} do not go with --mpi yet; name another rule")
         for name in ("load", "fixed", "u0", "v0", "mass", "no_fail"):  # its mistakes are told before the others begin
             getattr(problem, name)
         try:
