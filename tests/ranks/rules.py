@@ -55,6 +55,8 @@ def main():
             mesh = peri.slit(box(dim, n), peri.Crack([[0.0, 0.5], [0.5, 0.5]]))
             inner = (abs(mesh.p - 0.5) < 0.49).all(axis=0) & (abs(mesh.p[1] - 0.5) > 1e-6)
             mesh.p[:, inner] += 0.2 / n * np.random.default_rng(1).uniform(-1, 1, (2, inner.sum()))
+        # a Ritz value is as good as the square of its residual where K is symmetric; softer bodies' limits hold residuals
+        tolerance = 1e-8 if rule.symmetric and material is not plate else 1e-13
         body = distributed(mesh, eps, material, rule=rule, **options)
         rng = np.random.default_rng(3)
         u, v = 0.02 * rng.standard_normal((2, dim * mesh.nvertices))
@@ -68,11 +70,11 @@ def main():
         solved = body.gather(consistent.solver(np.arange(0, len(own), 7)).solve(own * (np.arange(len(own)) % 7 > 0)))
         marked = body.gather((np.arange(len(own)) % 7 > 0).astype(float))
         for m in (lumped, consistent):
-            limits.append(stable_time_step(body, m, 1e-13))
+            limits.append(stable_time_step(body, m, tolerance))
         moved = []
         for m in (lumped, consistent):
             dt = 0.2 * limits[-1].dt
-            *_, state = peri.central_difference(body, m, 0.1 * own, other_own, dt=dt, until=10 * dt)
+            *_, state = peri.central_difference(body, m, 0.1 * own, other_own, dt=dt, until=4 * dt)
             moved.append(body.gather(state.u))
             moved.append(np.array([state.energies.kinetic, state.energies.elastic]))
         bonds = comm.gather(body.nbonds)
@@ -113,12 +115,12 @@ def main():
             "moved": [],
         }
         for m, limit, k in ((lumped_of(mesh), limits[0], 0), (M, limits[1], 2)):
-            serial = peri.stable_time_step(whole, m, tolerance=1e-13)
+            serial = peri.stable_time_step(whole, m, tolerance=tolerance)
             names = ("eigenvalue", "nodal_bound", "row_sum", "closed_form", "bonds")
             pair = [(getattr(limit, key), getattr(serial, key)) for key in names]
             one["limits"].append([0.0 if a == b else abs(a / b - 1) for a, b in pair])
             dt = 0.2 * limits[-1].dt
-            *_, state = peri.central_difference(whole, m, 0.1 * u, v, dt=dt, until=10 * dt)
+            *_, state = peri.central_difference(whole, m, 0.1 * u, v, dt=dt, until=4 * dt)
             one["moved"].append(off(moved[k], state.u))
             one["moved"].append(off(moved[k + 1], np.array([state.energies.kinetic, state.energies.elastic])))
         found[name] = one
