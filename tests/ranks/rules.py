@@ -55,7 +55,7 @@ def main():
             mesh = peri.slit(box(dim, n), peri.Crack([[0.0, 0.5], [0.5, 0.5]]))
             inner = (abs(mesh.p - 0.5) < 0.49).all(axis=0) & (abs(mesh.p[1] - 0.5) > 1e-6)
             mesh.p[:, inner] += 0.2 / n * np.random.default_rng(1).uniform(-1, 1, (2, inner.sum()))
-        # a Ritz value is as good as the square of its residual where K is symmetric; softer bodies' limits hold residuals
+        # a Ritz value is as good as the square of its residual where K is symmetric; a limit of softer bodies has it
         tolerance = 1e-8 if rule.symmetric and material is not plate else 1e-13
         body = distributed(mesh, eps, material, rule=rule, **options)
         rng = np.random.default_rng(3)
