@@ -22,7 +22,7 @@ import numpy as np
 EPS = 4.0  # vertices per horizon
 
 
-def child(width: int, height: int) -> None:
+def child(width: int, height: int, overlap: bool) -> None:
     import skfem
 
     import skfem_peridynamics as peri
@@ -38,7 +38,9 @@ def child(width: int, height: int) -> None:
     warm.close()
     before = resident_memory()
     axes = np.linspace(0, width / height, width + 1), np.linspace(0, 1, height + 1)
-    body = distributed(skfem.MeshTri.init_tensor(*axes) if comm.rank == 0 else None, EPS / height, material, threads=1)
+    body = distributed(
+        skfem.MeshTri.init_tensor(*axes) if comm.rank == 0 else None, EPS / height, material, threads=1, overlap=overlap
+    )
     u = 1e-4 * np.random.default_rng(comm.rank).standard_normal(body.share.own * 2)
     body.force(u)
     taken = []
@@ -55,10 +57,20 @@ def child(width: int, height: int) -> None:
         print(json.dumps({"seconds": slowest, "memory": memory, "bonds": bonds}))
 
 
-def measured(ranks: int, width: int, height: int) -> dict:
+def measured(ranks: int, width: int, height: int, overlap: bool = False) -> dict:
     beside = Path(sys.executable).with_name("mpiexec")
     launcher = str(beside) if beside.exists() else shutil.which("mpiexec")
-    command = [launcher, "-n", str(ranks), sys.executable, __file__, "--child", str(width), str(height)]
+    command = [
+        launcher,
+        "-n",
+        str(ranks),
+        sys.executable,
+        __file__,
+        "--child",
+        str(width),
+        str(height),
+        str(int(overlap)),
+    ]
     environment = os.environ | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     return json.loads(done.stdout.splitlines()[-1])
@@ -68,21 +80,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--divisions", type=int, default=300)
     parser.add_argument("--turns", type=int, default=7)
-    parser.add_argument("--child", nargs=2, type=int)
+    parser.add_argument("--child", nargs=3, type=int)
     options = parser.parse_args()
     if options.child:
-        child(*options.child)
+        width, height, overlap = options.child
+        child(width, height, bool(overlap))
         return
     n = options.divisions
-    strong, weak = [], []
+    found: dict[str, list[float]] = {}
     for _ in range(options.turns):
-        one, two, twice = measured(1, n, n), measured(2, n, n), measured(2, 2 * n, n)
-        strong.append(one["seconds"] / (2.0 * two["seconds"]))
-        weak.append(one["seconds"] / twice["seconds"])
+        one = measured(1, n, n)
+        for name, overlap in (("", False), (", overlapped", True)):
+            two, twice = measured(2, n, n, overlap), measured(2, 2 * n, n, overlap)
+            found.setdefault(f"strong efficiency{name}", []).append(one["seconds"] / (2.0 * two["seconds"]))
+            found.setdefault(f"weak efficiency{name}", []).append(one["seconds"] / twice["seconds"])
+            if not overlap:
+                plain = two
     load = os.getloadavg()[0]
     print(f"{n}^2 plate, {sum(one['bonds'])} bonds; load of the machine {load:.1f}")
-    print(f"strong efficiency {np.median(strong):.3f} (from {min(strong):.3f} to {max(strong):.3f})")
-    print(f"weak efficiency {np.median(weak):.3f} (from {min(weak):.3f} to {max(weak):.3f})")
+    for name, ratios in sorted(found.items()):
+        print(f"{name}: {np.median(ratios):.3f} (from {min(ratios):.3f} to {max(ratios):.3f})")
+    two = plain
     shares = [f"{x / one['memory'][0]:.2f}" for x in two["memory"]]
     print(f"memory {one['memory'][0] / 1e6:.0f} MB of one rank; of two, as parts of that: {', '.join(shares)}")
     print(f"bonds of two ranks: {two['bonds'][0]} and {two['bonds'][1]}")

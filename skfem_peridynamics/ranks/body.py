@@ -22,10 +22,10 @@ from .share import Share
 
 @dataclass(frozen=True, eq=False)
 class RankBody:
-    """The bonds that a rank computes, those that need no ghost (``inside``) and the others (``across``).
+    """The bonds that a rank computes: all of them ``across``, or those that need no ghost ``inside``.
 
     Forces are those of the whole body at the rank's own vertices. Energies are the rank's part; :meth:`total` adds
-    parts up. Methods are called by all ranks at once. Where there is a dilatation all bonds are ``across``.
+    parts up. Methods are called by all ranks at once.
     """
 
     dealt: DealtMesh
@@ -40,7 +40,7 @@ class RankBody:
         return self.any_piece.symmetric
 
     def force(self, u: Floats) -> Floats:
-        """Return the forces at the rank's own vertices; ghosts are on their way while bonds inside are computed."""
+        """Return the forces at the rank's own vertices; ghosts are on their way while bonds ``inside`` are computed."""
         if self.dilatation is not None:
             return self.dilatation.force(u)
         return self._applied(u, lambda piece, x: piece.force(x))
@@ -143,8 +143,11 @@ class RankBody:
     def _applied(self, own: Floats, act: Callable[[Peridynamics, Floats], Floats]) -> Floats:
         halo = self.dealt.halo(self.dim)
         x = halo.begin(own)
-        local = act(self.inside, x) if self.inside is not None else np.zeros(len(x))
+        first = act(self.inside, x) if self.inside is not None else None
         x = halo.end()
-        if self.across is not None:
-            local = local + act(self.across, x)
-        return halo.summed(local)
+        then = act(self.across, x) if self.across is not None else None
+        if first is None or then is None:
+            only = first if then is None else then
+            assert only is not None
+            return halo.summed(only)
+        return halo.summed(first + then)

@@ -40,6 +40,7 @@ def distributed(
     balanced: bool = False,
     boundary_function: str | npt.ArrayLike | None = None,
     breaking: float | None = None,
+    overlap: bool = False,
     **options: Any,
 ) -> RankBody:
     """Return a body that is dealt out over all ranks that ``mpiexec`` has started.
@@ -68,6 +69,9 @@ def distributed(
     breaking : float, optional
         How many times their critical strain bonds bear before they break for good, as of :class:`Breaking`; of vertex
         pairs, without a dilatation.
+    overlap : bool, optional
+        Compute the bonds that need no ghost while ghosts are on their way, and the others by themselves: it pays where
+        an exchange takes longer than a twentieth of a force, on a slow network (docs/howto/processes.md).
     **options
         ``threads`` (a rank's part of the cores that the ranks of its machine may use), ``matrix_memory`` and
         ``compiled`` of :class:`Peridynamics`.
@@ -128,7 +132,9 @@ def distributed(
                 raise ValueError('calibrate = "discrete" cannot be measured over processes yet')
     options.setdefault("threads", threads_of_a_rank())
     chosen_here = local if len(local) else None
-    return make_body(comm, share, horizon, influence, rule, made, chosen_here, balanced, w_here, breaking, **options)
+    return make_body(
+        comm, share, horizon, influence, rule, made, chosen_here, balanced, w_here, breaking, overlap, **options
+    )
 
 
 def reach_of(mesh: Mesh, horizon: float, rule: Rule, weighted: bool = False) -> float:

@@ -39,6 +39,7 @@ def make_body(
     balanced: bool = False,
     w: Floats | None = None,
     breaking: float | None = None,
+    overlap: bool = False,
     **options: Any,
 ) -> RankBody:
     """Return the body of a share; ``no_fail`` and ``w`` are of vertices of the rank's mesh, ghosts among them."""
@@ -50,7 +51,7 @@ def make_body(
             f"breaking = {breaking:g}: over processes it goes with vertex pairs and corner pairs yet, and with no "
             "Poisson ratio but that of bonds alone"
         )
-    rules = dealt(rule, share, horizon, as_influence(influence), apart=not dilated)
+    rules = dealt(rule, share, horizon, as_influence(influence), apart=overlap and not dilated)
     made = [BondBasis(basis, horizon, influence, one, w) for one in rules]
     there = [bonds for bonds in made if bonds.parts]
     if min(comm.allgather(sum(bonds.nbonds for bonds in there))) == 0:
@@ -63,16 +64,19 @@ def make_body(
         assert found is not None
         if gives_way(rule, found, say=share.rank == 0):
             mesh.close()
-            rest = no_fail, balanced, w, breaking
+            rest = no_fail, balanced, w, breaking, overlap
             return make_body(comm, share, horizon, influence, PairRule(), material, *rest, **options)
     bodies = [_body(bonds, material, no_fail, breaking, options) for bonds in there]
     if dilated:
         (body,) = bodies
         _ = body.engine  # made once, for the bonds with and without their dilatation
         return RankBody(mesh, None, body.bonds_alone, DilatedRanks.of(mesh, body))
+    kind = RankBody if breaking is None else BreakingRanks
+    if len(made) == 1:
+        return kind(mesh, None, bodies[0])
     left = iter(bodies)
     inside, across = (next(left) if bonds.parts else None for bonds in made)
-    return RankBody(mesh, inside, across) if breaking is None else BreakingRanks(mesh, inside, across)
+    return kind(mesh, inside, across)
 
 
 def _body(

@@ -31,6 +31,8 @@ def main():
     cases = {
         "Gauss pairs": (2, 14, 0.2, gauss, law, {}),
         "balls": (2, 14, 0.2, ball, law, {}),
+        "pairs, overlapped": (2, 20, 0.16, pairs, law, {"overlap": True}),
+        "balls, overlapped": (2, 14, 0.2, ball, law, {"overlap": True}),
         "balls, 1D": (1, 60, 0.07, ball, law, {}),
         "balls, 3D": (3, 5, 0.5, ball, law, {}),
         "balls at vertices": (2, 16, 0.2, at_vertices, law, {}),
