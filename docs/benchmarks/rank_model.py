@@ -5,7 +5,8 @@ python docs/benchmarks/rank_model.py [--bonds 1e9] [--horizon 3] [--threads 8]  
 Measured on one core: seconds a bond of vertex pairs in 3D, seconds a vertex of a step's vectors, seconds of a step
 without either. Assumed: cubes of vertices, a rank of some threads each, that share out its work; nodes of 64 cores
 with 25 GB/s between them, shared by the ranks of a node; 2 us a message, 26 neighbours, ghosts out and sums back; bonds
-5 % more than their share on the slowest rank; an exchange is waited for. All ghosts of a rank's mesh are exchanged: the horizon, a vertex and the longest edge.
+5 % more than their share on the slowest rank; an exchange is waited for. All ghosts of a rank's mesh are exchanged: the
+horizon, a vertex and the longest edge.
 """
 
 from __future__ import annotations

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from .._types import Floats, Longs
+from .led_body import LedBody
 from .peridynamics import Peridynamics
 from .vertex_stiffness import vertex_stiffness
 
@@ -126,6 +127,8 @@ def connected_parts(body: Peridynamics) -> Longs:
     """Return the number of the part of the body that each vertex is in, (nvertices,); parts are what bonds connect."""
     from scipy.sparse.csgraph import connected_components
 
+    if isinstance(body, LedBody):
+        return body.connected_parts()
     samples = body.bonds.samples
     n = samples.nsamples
     links = sparse.csr_matrix((n, n))

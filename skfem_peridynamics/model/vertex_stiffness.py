@@ -9,6 +9,7 @@ import scipy.sparse as sparse
 
 from .._types import Csr, Floats
 from ..engine.block import Block
+from .led_body import LedBody
 from .peridynamics import Peridynamics
 
 
@@ -26,6 +27,8 @@ def vertex_stiffness(body: Peridynamics, weights: Sequence[Floats] | None = None
     >>> vertex_stiffness(body).ravel().tolist() == body.stiffness().diagonal().tolist()
     True
     """
+    if isinstance(body, LedBody):
+        return body.vertex_stiffness()
     samples, dim = body.bonds.samples, body.bonds.dim
     A = np.zeros((samples.nsamples, dim * dim))
     given = [None] * len(body.blocks) if weights is None else list(weights)

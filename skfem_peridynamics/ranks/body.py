@@ -43,13 +43,13 @@ class RankBody:
         """Return the forces at the rank's own vertices; ghosts are on their way while bonds ``inside`` are computed."""
         if self.dilatation is not None:
             return self.dilatation.force(u)
-        return self._applied(u, lambda piece, x: piece.force(x))
+        return self.applied(u, lambda piece, x: piece.force(x))
 
     def energy(self, u: Floats) -> float:
         """Return the energy of the rank's bonds, and of the dilatation of its own vertices."""
         x = self.dealt.halo(self.dim).extended(u)
         beside = 0.0 if self.dilatation is None else self.dilatation.energy(x)
-        return sum(piece.energy(x) for piece in self._pieces) + beside
+        return sum(piece.energy(x) for piece in self.pieces) + beside
 
     def total(self, part: float) -> float:
         """Return the sum of what the ranks have."""
@@ -71,12 +71,12 @@ class RankBody:
     @property
     def any_piece(self) -> Peridynamics:
         """Some of the bonds, for what all have in common: laws, moments, and constants of a dilatation."""
-        return self._pieces[0] if self.dilatation is None else self.dilatation.body
+        return self.pieces[0] if self.dilatation is None else self.dilatation.body
 
     @property
     def nbonds(self) -> int:
         """Bonds of this rank."""
-        return sum(piece.bonds.nbonds for piece in self._pieces)
+        return sum(piece.bonds.nbonds for piece in self.pieces)
 
     def stiffness(self, x: Floats) -> Floats:
         """Return the product of the stiffness at rest."""
@@ -85,7 +85,7 @@ class RankBody:
     def bond_stiffness(self, x: Floats) -> Floats:
         """Return the product of the stiffness that bonds alone have at rest."""
         products = self._products
-        return self._applied(x, lambda piece, y: products[id(piece)](y))
+        return self.applied(x, lambda piece, y: products[id(piece)](y))
 
     def vertex_stiffness(self, bounding: bool = False) -> Floats:
         """Return what all bonds hold the rank's own vertices with, (nown, dim, dim); to bound the stiffness or not."""
@@ -93,21 +93,21 @@ class RankBody:
         if self.dilatation is not None and bounding:
             local = vertex_stiffness(self.dilatation.body, self.dilatation.body.bounding_weights())
         else:
-            local = np.asarray(sum(vertex_stiffness(piece) for piece in self._pieces))
+            local = np.asarray(sum(vertex_stiffness(piece) for piece in self.pieces))
         return self.dealt.halo(dim * dim).summed(local.ravel()).reshape(-1, dim, dim)
 
     def stress(self, u: Floats) -> Floats:
         """Return the stress at the rank's own vertices, (nown, dim, dim)."""
         dim, x = self.dim, self.dealt.halo(self.dim).extended(u)
         p = None if self.dilatation is None else self.dilatation.pressure_at_samples(x)
-        local = np.asarray(sum(vertex_virials(piece, x, p) for piece in self._pieces))
+        local = np.asarray(sum(vertex_virials(piece, x, p) for piece in self.pieces))
         found = self.dealt.halo(dim * dim).summed(local.ravel()).reshape(-1, dim, dim)
         return found / vertex_volumes(self.share.mesh)[: self.share.own, None, None]
 
     def look(self, u: Floats) -> tuple[Census, Damage]:
         """Return the census of the whole body, and the damage at the rank's own vertices."""
         x, one = self.dealt.halo(self.dim).extended(u), self.dealt.halo(1)
-        found = [census_and_tally(piece, x) for piece in self._pieces]
+        found = [census_and_tally(piece, x) for piece in self.pieces]
         counts, tallies = [count for count, _ in found], [tally for _, tally in found]
         names = ("softened", "energy_intact", "energy_softened", "area", "broken")
         sums = np.array([sum(getattr(c, name) for c in counts) for name in names], dtype=float)
@@ -133,14 +133,16 @@ class RankBody:
 
     # ---- how
     @cached_property
-    def _pieces(self) -> list[Peridynamics]:
+    def pieces(self) -> list[Peridynamics]:
+        """The bonds of the rank, without a dilatation."""
         return [piece for piece in (self.inside, self.across) if piece is not None]
 
     @cached_property
     def _products(self) -> dict[int, Callable[[Floats], Floats]]:
-        return {id(piece): piece.stiffness_operator().matvec for piece in self._pieces}
+        return {id(piece): piece.stiffness_operator().matvec for piece in self.pieces}
 
-    def _applied(self, own: Floats, act: Callable[[Peridynamics, Floats], Floats]) -> Floats:
+    def applied(self, own: Floats, act: Callable[[Peridynamics, Floats], Floats]) -> Floats:
+        """Return what the pieces of all ranks make of a vector, added up."""
         halo = self.dealt.halo(self.dim)
         x = halo.begin(own)
         first = act(self.inside, x) if self.inside is not None else None

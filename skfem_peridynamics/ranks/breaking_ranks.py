@@ -46,7 +46,7 @@ class BreakingRanks(RankBody):
     @property
     def breaking(self) -> list[Breaking]:
         """The bodies of the rank."""
-        return [piece for piece in self._pieces if isinstance(piece, Breaking)]
+        return [piece for piece in self.pieces if isinstance(piece, Breaking)]
 
     @property
     def state(self) -> RankState:

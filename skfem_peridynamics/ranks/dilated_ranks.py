@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from .._types import Floats
@@ -44,6 +45,17 @@ class DilatedRanks:
         one = self.mesh.halo(1)
         beside = Beside(None, between, lambda virial: one.extended(between * one.summed(virial)))
         return halo.summed(self.body.engine.product(None, halo.extended(u), beside=beside))
+
+    def tangent(self, x: Floats) -> Callable[[Floats], Floats]:
+        """Return products with the tangent at x, which has its ghosts."""
+        halo, one, engine = self.mesh.halo(self.own.dim), self.mesh.halo(1), self.body.engine
+        virial = one.summed(engine.virial(x))
+        p = self.body.bonds.samples.take(one.extended(self.own.pressure(virial)))
+        rows = list(self.body.each_block(x, lambda block, T: (block.pressed_hessian(T, p), block.rates(T))))
+        weights, rates = ([row[k] for row in rows] for k in (0, 1))
+        between = self.own.stiffness(virial)
+        beside = Beside(rates, between, lambda dilated: one.extended(between * one.summed(dilated)))
+        return lambda v: halo.summed(engine.product(weights, halo.extended(v), beside=beside))
 
     def energy(self, x: Floats) -> float:
         """Return the energy of the dilatation of the rank's own vertices; x has its ghosts."""

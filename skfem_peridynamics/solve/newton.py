@@ -16,6 +16,7 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator, cg
 
 from .._types import Floats, Longs
+from ..model.led_body import LedBody
 from ..model.peridynamics import Peridynamics
 from .mass_solver import MassSolver
 from .preconditioner import Preconditioner
@@ -118,13 +119,20 @@ class Objective:
         Newton's step out of an unstable state is as long as the state is far from the next one. Taken whole it breaks
         bonds on the way that would have held. What has long broken may go where it will.
         """
-        body, full = self.body, np.zeros(len(u))
+        full = np.zeros(len(u))
         full[self.free] = d
-        holds = list(body.each_block(u, lambda block, T: block.law.severity(T) < _HOLDS))
-        moves = body.each_block(full, lambda block, T: block.law.severity(T))
-        most = (float(move[hold].max(initial=0.0)) for move, hold in zip(moves, holds, strict=True))
-        largest = max(most, default=0.0)
+        largest = largest_move(self.body, u, full, _HOLDS)
         return _NEARER / largest if largest > 0.0 else np.inf
+
+
+def largest_move(body: Peridynamics, u: Floats, d: Floats, below: float) -> float:
+    """Return the largest ``|S| / S_c`` by d, (N,) as u is, of the bonds whose own at u is ``below``; 0 without any."""
+    if isinstance(body, LedBody):
+        return body.largest_move(u, d, below)
+    holds = list(body.each_block(u, lambda block, T: block.law.severity(T) < below))
+    moves = body.each_block(d, lambda block, T: block.law.severity(T))
+    most = (float(move[hold].max(initial=0.0)) for move, hold in zip(moves, holds, strict=True))
+    return max(most, default=0.0)
 
 
 @dataclass

@@ -20,11 +20,10 @@ from scipy.sparse.linalg import LinearOperator
 from .._types import Csr, Floats, Longs
 from ..model.peridynamics import Peridynamics
 from ..model.rigidity import rigid_modes
-from ..model.vertex_stiffness import vertex_stiffness
+from .left import left_of
 
 NAMES = ("auto", "blocks", "amg", "direct")
 _SLOW = 40  # products of a solve that could be faster
-_REMAINS = 1e-3  # of a softened bond, so that what it held is held
 # What it takes to make one, in products with the Hessian.
 _PRICE = {"blocks": 40, "amg": 250, "direct": 400}
 # Where nothing is said (docs/evidence/stability.md): entries of the stiffness up to which a factor is made, the length
@@ -55,7 +54,7 @@ class Preconditioner:
         self.body, self.free, self.made = body, free, 0
         self.M = None if M is None else sparse.csr_matrix(sparse.diags(M) if isinstance(M, np.ndarray) else M)
         self.kind, self._price, self._spent = kind, 0, 0
-        self._weights: list[Floats] | None = None
+        self._left = left_of(body, None)
         self._tangent: Floats | None = None
         self._vertex_stiffness: Floats | None = None
         self._K: Csr | None = None
@@ -82,9 +81,7 @@ class Preconditioner:
 
     def _renew(self, u: Floats) -> None:
         self._tangent = u.copy()
-        rest = [block.rest_stiffness for block in self.body.blocks]
-        now = self.body.hessians(u)
-        self._weights = [np.maximum(h, _REMAINS * k) for h, k in zip(now, rest, strict=True)]
+        self._left = left_of(self.body, self._tangent)
         self._vertex_stiffness, self._K, self._spent = None, None, 0
         self._known.clear()
 
@@ -105,9 +102,7 @@ class Preconditioner:
         if kind == "blocks":
             return self._blocks(shift), price
         if self._K is None:
-            weights = self._weights
-            # of the bonds: what a dilatation adds reaches two horizons, and changes eigenvalues by a bounded factor
-            self._K = self.body.assemble(weights or [block.rest_stiffness for block in self.body.blocks])
+            self._K = self._left.matrix()
         A = self._K if self.M is None or shift == 0.0 else sparse.csr_matrix(self._K + shift * self.M)
         inner = A[self.free][:, self.free]
         empty = inner.diagonal() == 0.0  # where a boundary function leaves no bond, nothing is to be solved for
@@ -129,7 +124,7 @@ class Preconditioner:
 
     def _diagonal(self) -> Floats:
         if self._vertex_stiffness is None:
-            self._vertex_stiffness = vertex_stiffness(self.body, self._weights)
+            self._vertex_stiffness = self._left.vertices()
         return self._vertex_stiffness
 
     def _entries(self) -> float:

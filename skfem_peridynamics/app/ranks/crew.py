@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from ..._types import Csr, Floats, Load, Longs
-from ...analysis.damage import Census, Damage
 from ...bonds.bond_list import Balance
 from ...material.composite import Composite
 from ...model.breaking import sorted_pairs
@@ -28,28 +27,26 @@ from ..problem.conditions import LoadTerms, motion_of
 from ..problem.materials import make_material
 from ..problem.problem import Problem
 from ..scene.scene import Scene
+from .operators import Operators
 
 _CHECKED = 100  # steps between two checks of the energy balance
 
 
 @dataclass(eq=False)
-class Crew:
+class Crew(Operators):
     """A rank's part of a run. Every method is called by all ranks at once: by the first, which then gets what comes
     out of it for the whole body, through :meth:`order`, and by the others in :meth:`follow`.
     """
 
-    comm: Any
     scene: Scene
-    body: RankBody
     m: Floats | RankMass
     load: Load | None
     fixed: list[Prescribed]
     busy: bool = field(default=False, init=False)
     now: State | None = field(default=None, init=False)
     failed: UnstableRun | None = field(default=None, init=False)
-    # on the first rank: numbers of the state to start from, and the vectors u, v, a
+    # on the first rank: numbers of the state to start from
     start: dict[str, Any] | None = field(default=None, init=False)
-    given: tuple[Floats | None, ...] = field(default=(None, None, None), init=False)
     _steps: Iterator[State] = field(default_factory=lambda: iter(()), init=False)
 
     @classmethod
@@ -89,7 +86,7 @@ class Crew:
             if len(mine):
                 fixed.append(motion_of(scene.fixed[k], share.mesh, mine, f"fixed[{k}]"))
         load = _dealt_load(comm, scene, body, terms) if comm.bcast(lead and terms is not None) else None
-        return cls(comm, scene, body, m, load, fixed)
+        return cls(comm, body, scene, m, load, fixed)
 
     def order(self, name: str, *arguments: Any) -> Any:
         """Have all ranks do something; return what came out, on the first."""
@@ -164,38 +161,6 @@ class Crew:
             found = self.comm.gather(self.body.broken_pairs(), root=0)
             numbers["broken"] = None if found is None else (sorted_pairs(np.concatenate(found)),)
         return numbers, [self.body.gather(x) for x in (now.u, now.v, now.a)]
-
-    def look(self) -> tuple[Census, Damage | None]:
-        """The census and the damage of the last state."""
-        assert self.now is not None
-        count, hurt = self.body.look(np.asarray(self.now.u))
-        Z, intact = self.body.gather(hurt.Z), self.body.gather(hurt.intact)
-        return count, None if Z is None or intact is None else Damage(Z, intact, hurt.softened)
-
-    def force(self) -> Floats | None:
-        """The forces of the last state."""
-        assert self.now is not None
-        return self.body.gather(self.body.force(np.asarray(self.now.u)))
-
-    def stress(self) -> Floats | None:
-        """The stress at the vertices, of the last state."""
-        assert self.now is not None
-        found = self.body.gather(self.body.stress(np.asarray(self.now.u)).ravel())
-        return None if found is None else found.reshape(-1, self.body.dim, self.body.dim)
-
-    def energy(self) -> float:
-        """The energy of the last state."""
-        assert self.now is not None
-        return self.body.total(self.body.energy(np.asarray(self.now.u)))
-
-    def vertex_stiffness(self) -> Floats | None:
-        """What vertices are held with."""
-        found = self.body.gather(self.body.vertex_stiffness().ravel())
-        return None if found is None else found.reshape(-1, self.body.dim, self.body.dim)
-
-    def product(self) -> Floats | None:
-        """The product of the stiffness with the first vector that is given."""
-        return self.body.gather(self.body.stiffness(self.body.scatter(self.given[0])))
 
     def bonds(self) -> tuple[list[int] | None, Balance | None]:
         """How many bonds each rank has, and the balance of all, with the vertices of the whole mesh."""

@@ -13,19 +13,18 @@ import numpy as np
 
 from ..._types import Floats
 from ...analysis.damage import Census, Damage
-from ...material.composite import Composite
-from ...material.elastic import Elastic
-from ...material.material import Material
-from ...model.rigidity import check_rigidity
+from ...model.rigidity import check_rigid
 from ...solve.cfl import StepLimit
 from ...solve.instability import UnstableRun
 from ...solve.mass_solver import Chebyshev, Lumped, MassSolver
 from ...solve.state import State
 from ..problem.problem import Problem
+from ..problem.states import states
 from ..run.record import Marks
 from ..scene.reading import SceneError, blame
 from ..scene.scene import Scene
 from .crew import Crew
+from .whole_body import WholeBody
 
 _SECONDS = 0.2  # of a block of steps after which the first rank looks up
 
@@ -33,7 +32,9 @@ _SECONDS = 0.2  # of a block of steps after which the first rank looks up
 def refuse(scene: Scene) -> None:
     """Raise :class:`SceneError` for what does not go over several processes yet."""
     no = {
-        f"time.scheme = {scene.time.scheme!r}": scene.time.scheme not in ("central_difference", "auto"),
+        f"time.scheme = {scene.time.scheme!r} with material.breaking": (
+            scene.time.scheme in ("newmark", "static") and scene.material.breaking is not None
+        ),
         'material.calibrate = "discrete"': scene.material.calibrate == "discrete",
     }
     found = [name for name, there in no.items() if there]
@@ -63,6 +64,8 @@ class LeadingProblem(Problem):
             dim=int(self.mesh.dim()),
             mesh=self.mesh,
             horizon=self.scene.bonds.horizon,
+            vertex_weight=self.scene.bonds.boundary_function,
+            samples=SimpleNamespace(at_vertices=self._crew.body.any_piece.bonds.samples.at_vertices),
             ranks=counts,
         )
 
@@ -85,18 +88,13 @@ class LeadingProblem(Problem):
     def check_rigid(self) -> None:
         """Raise :class:`SceneError` where bonds leave a vertex or the whole body free to move."""
 
-        def product(u: Floats) -> Floats:
-            self._crew.given = (u, None, None)
-            found: Floats = self._crew.order("product")
-            return found
-
         with blame("bonds"):
-            held = self._crew.order("vertex_stiffness")
-            check_rigidity(self.mesh.p, self.scene.bonds.horizon, held, product)
+            check_rigid(self.body_at_rest)
 
     def look(self, state: Any, count: bool, damage: bool) -> tuple[Census | None, Damage | None]:
         """Return the census and the damage at a state."""
         if self._seen.get("t") != state.t:
+            self._crew.given = (state.u, None, None)
             self._seen["t"], self._seen["look"] = state.t, self._crew.order("look")
         counted, hurt = self._seen["look"]
         return counted if count else None, hurt if damage else None
@@ -107,12 +105,19 @@ class LeadingProblem(Problem):
         return found
 
     def stress(self, state: Any) -> Floats:
-        """Return the stress at the vertices, at the state that was made last."""
+        """Return the stress at the vertices at a state."""
+        self._crew.given = (state.u, None, None)
         found: Floats = self._crew.order("stress")
         return found
 
     def states(self, dt: float, start: State | None, watch: Any) -> Iterator[State]:
-        """Yield whole states at the ends of blocks of steps: where something is written, and some times a second."""
+        """Yield whole states at the ends of blocks of steps: where something is written, and some times a second.
+
+        Implicit steps are made here, with operators that all ranks compute.
+        """
+        if not self.explicit:
+            yield from states(self, dt, start, watch)
+            return
         time_table, crew = self.scene.time, self._crew
         steps, output = round(time_table.until / dt), self.scene.output
         if start is not None:
@@ -156,28 +161,3 @@ class LeadingProblem(Problem):
         if self.mass_kind == "lumped":
             return Lumped(self.mass.diagonal())
         return Chebyshev(self.mass, np.zeros(0, dtype=np.int64))
-
-
-class WholeBody:
-    """What a run asks of the body of all ranks, at the state that was made last."""
-
-    dilatation = None
-
-    def __init__(self, crew: Crew, bonds: Any, material: Material | Composite) -> None:
-        self._crew, self.bonds, self.material, one = crew, bonds, material, crew.body.any_piece
-        self.laws, self.moments, self.compiles, self.crossing = one.laws, one.moments, one.compiles, one.crossing
-        self.blocks, self.symmetric = one.blocks, one.symmetric
-
-    @property
-    def elastic(self) -> Elastic:
-        """The constants of the material, where there is one."""
-        return self._crew.body.any_piece.elastic
-
-    def force(self, u: Floats) -> Floats:
-        """Return the forces."""
-        found: Floats = self._crew.order("force")
-        return found
-
-    def energy(self, u: Floats) -> float:
-        """Return the energy."""
-        return float(self._crew.order("energy"))

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 from ...ranks.world import abort, world
 from ...solve.instability import UnstableRun
+from ...solve.newton import NotConverged
 from ..files.whole_files import OutputError
 from ..problem.cost import check_memory
 from ..problem.problem import Problem
@@ -75,7 +76,7 @@ def over_ranks(read: Callable[[], Scene], lead: Callable[[Scene, LeadingProblem]
         leading = LeadingProblem(scene, crew=crew)
         leading.__dict__.update(problem.__dict__)  # what is made already
         return lead(scene, leading)
-    except (SceneError, UnstableRun, OutputError, Interrupted, ValueError) as error:
+    except (SceneError, UnstableRun, NotConverged, OutputError, Interrupted, ValueError) as error:
         if not begun:
             comm.bcast(False, root=0)
         elif crew is None or crew.busy:  # in the midst of what all do together: the others wait for ever
