@@ -249,7 +249,7 @@ SCENES = {
         ("until = 2.0", 'until = 1.0, scheme = "static", steps = 10'),
         ('initial = {velocity = ["2e-3*x", "1e-3"]}\n', ""),
         ("fixed = [", 'fixed = [{on = "left", component = "y", displacement = "0"}, '),
-        ('"0.02*min', '"0.008*min'),
+        ('"0", "0.02*min', '"1e-3*t", "0.008*min'),
         ('"-0.02*min', '"-0.008*min'),
         ("toughness = 2e-3", "toughness = 4e-3"),
         STRESS,
