@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeAlias
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -99,42 +99,61 @@ def distributed(
     rule = PairRule() if rule is None else rule
     if not isinstance(rule, PairRule | BallRule | CornerRule):
         raise ValueError(f"rule = {rule.name}: rules of one's own cannot be dealt out over processes yet")
-    comm = world()
-    mine = None
+    comm, mine = world(), None
     if comm.rank == 0:
         assert mesh is not None
         if mesh.nvertices < comm.size:
             raise ValueError(f"{comm.size} processes are too many for {mesh.nvertices} vertices")
-        along = None
-        if isinstance(rule, BallRule | CornerRule):
-            rule = rule.fitted(mesh, horizon)  # what follows the mesh follows the whole
-        if isinstance(rule, CornerRule):
-            along = np.argsort(local_order(mesh.p))
-        owner = divided(mesh.p, work_of_vertices(mesh, horizon, rule), comm.size)
-        chosen = np.zeros(mesh.nvertices, dtype=bool)
-        if no_fail is not None:
-            chosen[np.asarray(no_fail)] = True
-        w = None
-        if boundary_function is not None:  # known where the whole boundary is
-            w = BondBasis(numbering_basis(mesh), horizon, boundary_function=boundary_function).vertex_weight
-        dealt = shares(mesh, owner, reach_of(mesh, horizon, rule, w is not None), along)
-        mine = [
-            (rule, share, np.flatnonzero(chosen[share.number]), None if w is None else share.part(w)) for share in dealt
-        ]
-    share: Share
-    local: Longs
-    w_here: Floats | None
-    rule, share, local, w_here = comm.scatter(mine, root=0)
+        for rank, part in enumerate(_dealt(mesh, horizon, rule, no_fail, boundary_function, comm.size)):
+            if rank:  # one after the other: beside the whole mesh there is one share at a time
+                comm.send(part, dest=rank)
+            else:
+                mine = part
+    else:
+        mine = comm.recv(source=0)
+    assert mine is not None
+    share = mine.share
     made = material(share.mesh) if callable(material) and not isinstance(material, Potential) else material
     if isinstance(made, Material | Composite):
         for one in made.materials if isinstance(made, Composite) else (made,):
             if one.calibrate == "discrete":
                 raise ValueError('calibrate = "discrete" cannot be measured over processes yet')
     options.setdefault("threads", threads_of_a_rank())
-    chosen_here = local if len(local) else None
-    return make_body(
-        comm, share, horizon, influence, rule, made, chosen_here, balanced, w_here, breaking, overlap, **options
-    )
+    rest = mine.no_fail if len(mine.no_fail) else None, balanced, mine.w, breaking, overlap
+    return make_body(comm, share, horizon, influence, mine.rule, made, *rest, **options)
+
+
+class _Part(NamedTuple):
+    """What a rank is sent: the rule for the whole mesh, its share, no-fail vertices and values of w of that."""
+
+    rule: Rule
+    share: Share
+    no_fail: Longs
+    w: Floats | None
+
+
+def _dealt(
+    mesh: Mesh,
+    horizon: float,
+    rule: Rule,
+    no_fail: npt.ArrayLike | None,
+    boundary_function: str | npt.ArrayLike | None,
+    nranks: int,
+) -> Iterator[_Part]:
+    """Yield what each rank is sent."""
+    along, w = None, None
+    if isinstance(rule, BallRule | CornerRule):
+        rule = rule.fitted(mesh, horizon)  # what follows the mesh follows the whole
+    if isinstance(rule, CornerRule):
+        along = np.argsort(local_order(mesh.p))
+    chosen = np.zeros(mesh.nvertices, dtype=bool)
+    if no_fail is not None:
+        chosen[np.asarray(no_fail)] = True
+    if boundary_function is not None:  # known where the whole boundary is
+        w = BondBasis(numbering_basis(mesh), horizon, boundary_function=boundary_function).vertex_weight
+    owner = divided(mesh.p, work_of_vertices(mesh, horizon, rule), nranks)
+    for share in shares(mesh, owner, reach_of(mesh, horizon, rule, w is not None), along):
+        yield _Part(rule, share, np.flatnonzero(chosen[share.number]), None if w is None else share.part(w))
 
 
 def reach_of(mesh: Mesh, horizon: float, rule: Rule, weighted: bool = False) -> float:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from .._types import Floats, Longs, Mesh
+from .._types import Bools, Floats, Longs, Mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,30 +61,46 @@ def divided(x: Floats, weight: Floats, parts: int) -> Longs:
     return out
 
 
-def shares(mesh: Mesh, owner: Longs, reach: float, along: Longs | None = None) -> list[Share]:
-    """Return the shares of all ranks: elements with a corner within ``reach`` of one of their own vertices."""
+def shares(mesh: Mesh, owner: Longs, reach: float, along: Longs | None = None) -> Iterator[Share]:
+    """Yield the shares of all ranks: elements with a corner within ``reach`` of one of their own vertices.
+
+    One after the other, so that no more than one of them is held beside the whole.
+    """
+    place = np.empty(mesh.nvertices, dtype=np.int64)
+    order = np.argsort(owner, kind="stable")
+    place[order] = np.arange(mesh.nvertices)
+    ends = np.searchsorted(owner[order], np.arange(int(owner.max()) + 2))
+    for rank, (low, high) in enumerate(pairwise(ends.tolist())):
+        yield _share(mesh, owner, place, rank, order[low:high], reach, along)
+
+
+def _share(mesh: Mesh, owner: Longs, place: Longs, rank: int, own: Longs, reach: float, along: Longs | None) -> Share:
+    """The share of a rank with its ``own`` vertices."""
+    near = _near(mesh.p, own, reach)
+    elements = np.flatnonzero(near[mesh.t].any(axis=0))
+    used = np.unique(mesh.t[:, elements])
+    number = np.concatenate([own, used[owner[used] != rank]])
+    local = np.full(mesh.nvertices, -1, dtype=np.int64)
+    local[number] = np.arange(len(number))
+    t = np.ascontiguousarray(local[mesh.t[:, elements]].astype(mesh.t.dtype))
+    part = type(mesh)(np.ascontiguousarray(mesh.p[:, number]), t)
+    names = mesh.subdomains or {}
+    if names:
+        found = np.full(mesh.nelements, -1, dtype=np.int64)
+        found[elements] = np.arange(len(elements))
+        part = part.with_subdomains({name: found[which][found[which] >= 0] for name, which in names.items()})
+    there = None if along is None else along[number]
+    return Share(part, number, owner[number], place[number], len(own), rank, int(mesh.nvertices), there)
+
+
+def _near(p: Floats, own: Longs, reach: float) -> Bools:
+    """Which points (dim, n) are within reach of some of them; those far off all are told by a box."""
     from scipy.spatial import cKDTree
 
-    ranks, out = int(owner.max()) + 1, []
-    place = np.empty(mesh.nvertices, dtype=np.int64)
-    place[np.argsort(owner, kind="stable")] = np.arange(mesh.nvertices)
-    for rank in range(ranks):
-        own = np.flatnonzero(owner == rank)
-        near = np.isfinite(cKDTree(mesh.p[:, own].T).query(mesh.p.T, distance_upper_bound=reach)[0])
-        near[own] = True
-        elements = np.flatnonzero(near[mesh.t].any(axis=0))
-        used = np.unique(mesh.t[:, elements])
-        number = np.concatenate([own, used[owner[used] != rank]])
-        local = np.full(mesh.nvertices, -1, dtype=np.int64)
-        local[number] = np.arange(len(number))
-        t = np.ascontiguousarray(local[mesh.t[:, elements]].astype(mesh.t.dtype))
-        part = type(mesh)(np.ascontiguousarray(mesh.p[:, number]), t)
-        names = mesh.subdomains or {}
-        if names:
-            found = np.full(mesh.nelements, -1, dtype=np.int64)
-            found[elements] = np.arange(len(elements))
-            tags = {name: found[which][found[which] >= 0] for name, which in names.items()}
-            part = part.with_subdomains(tags)
-        there = None if along is None else along[number]
-        out.append(Share(part, number, owner[number], place[number], len(own), rank, int(mesh.nvertices), there))
-    return out
+    mine = p[:, own]
+    low, high = mine.min(axis=1, keepdims=True) - reach, mine.max(axis=1, keepdims=True) + reach
+    near: Bools = np.asarray(((p >= low) & (p <= high)).all(axis=0))
+    box = np.flatnonzero(near)
+    near[box] = np.isfinite(cKDTree(mine.T).query(p[:, box].T, distance_upper_bound=reach)[0])
+    near[own] = True
+    return near

@@ -55,7 +55,7 @@ def test_shares_hold_what_bonds_of_their_vertices_need():
     """Every element within reach of an own vertex; own vertices first; each vertex owned once."""
     mesh = unit_box(2, 12, "random").with_subdomains({"low": np.arange(40)})
     owner = divided(mesh.p, np.ones(mesh.nvertices), 3)
-    found = shares(mesh, owner, 0.3)
+    found = list(shares(mesh, owner, 0.3))
     assert sorted(np.concatenate([s.number[: s.own] for s in found]).tolist()) == list(range(mesh.nvertices))
     for share in found:
         assert (owner[share.number[: share.own]] == share.rank).all()
@@ -206,7 +206,7 @@ def test_check_tells_what_each_process_would_have(tmp_path, capsys):
     assert main(["check", str(scene), "--mpi", "3"]) == 0
     mesh = Problem(Scene.parse(PLATE)).mesh
     rule = PairRule()
-    dealt = shares(mesh, divided(mesh.p, work_of_vertices(mesh, 0.085, rule), 3), reach_of(mesh, 0.085, rule))
+    dealt = list(shares(mesh, divided(mesh.p, work_of_vertices(mesh, 0.085, rule), 3), reach_of(mesh, 0.085, rule)))
     own = [share.own for share in dealt]
     ghosts = [share.mesh.nvertices - share.own for share in dealt]
     told = next(line for line in capsys.readouterr().out.splitlines() if "processes" in line)

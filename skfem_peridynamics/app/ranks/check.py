@@ -20,7 +20,7 @@ def check(scene: Scene, nranks: int) -> list[tuple[str, str]]:
     rule, weighted = problem.rule, scene.bonds.boundary_function is not None
     work = work_of_vertices(mesh, horizon, rule)
     owner = divided(mesh.p, work, nranks)
-    dealt = shares(mesh, owner, reach_of(mesh, horizon, rule, weighted))
+    dealt = list(shares(mesh, owner, reach_of(mesh, horizon, rule, weighted)))
     load = np.bincount(owner, work, minlength=nranks) * (problem.expected_bonds / work.sum())
     own = np.array([share.own for share in dealt])
     ghosts = np.array([share.mesh.nvertices for share in dealt]) - own
