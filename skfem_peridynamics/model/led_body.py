@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
 from .._types import Floats, Longs
@@ -22,3 +23,20 @@ class LedBody(Protocol):
 
     def left(self, u: Floats | None) -> Any:
         """Return what is left of the stiffness at u, as ``solve.left`` has it; None: all of it."""
+
+
+_SCHEMES: dict[tuple[type, str], Callable[..., Any]] = {}
+
+
+def offer(kind: type, name: str, scheme: Callable[..., Any]) -> None:
+    """Have a scheme of this name take bodies of this kind, with vectors that are a rank's own part."""
+    _SCHEMES[kind, name] = scheme
+
+
+def offered(body: object, name: str) -> Callable[..., Any] | None:
+    """Return the scheme of this name for a body that is dealt out over ranks, None for others.
+
+    >>> offered(object(), "newmark") is None
+    True
+    """
+    return next((_SCHEMES[kind, name] for kind in type(body).__mro__ if (kind, name) in _SCHEMES), None)

@@ -23,6 +23,7 @@ from ..material.potential import Potential
 from ..model.space import numbering_basis
 from .body import RankBody
 from .make_body import make_body
+from .schemes import offer_schemes
 from .share import Share, divided, shares
 from .world import threads_of_a_rank, world
 
@@ -99,6 +100,7 @@ def distributed(
     rule = PairRule() if rule is None else rule
     if not isinstance(rule, PairRule | BallRule | CornerRule):
         raise ValueError(f"rule = {rule.name}: rules of one's own cannot be dealt out over processes yet")
+    offer_schemes()
     comm, mine = world(), None
     if comm.rank == 0:
         assert mesh is not None

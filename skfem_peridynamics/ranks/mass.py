@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sparse
 
 from .._types import Csr, Floats, Longs
 from ..model.mass import mass_matrix
@@ -49,6 +50,18 @@ class RankMass:
     def __matmul__(self, x: Floats) -> Floats:
         out: Floats = self.rows @ self.mesh.halo(int(self.mesh.share.mesh.dim())).extended(x)
         return out
+
+    def whole(self) -> Csr | None:
+        """Return the mass of the whole body, on the first rank."""
+        share, dim = self.mesh.share, int(self.mesh.share.mesh.dim())
+        number = (share.number[:, None] * dim + np.arange(dim)).ravel()
+        M = sparse.coo_matrix(self.rows)
+        every = self.mesh.comm.gather((M.data, number[M.row], number[M.col]), root=0)
+        if every is None:
+            return None
+        data, row, column = (np.concatenate(each) for each in zip(*every, strict=True))
+        size = share.nvertices * dim
+        return sparse.csr_matrix((data, (row, column)), shape=(size, size))
 
     def solver(self, fixed: Longs) -> Chebyshev:
         """Return the solver that steppers take: products by exchanges of ghosts, no sum over all ranks."""

@@ -14,6 +14,7 @@ from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator
 from .._types import Floats
 from ..geometry.simplices import vertex_volumes
 from ..material.influence import as_influence
+from ..model.led_body import offered
 from ..model.peridynamics import Peridynamics
 from ..model.vertex_stiffness import vertex_stiffness
 from .lanczos import largest_mode
@@ -273,6 +274,12 @@ def stable_time_step(
     >>> round(limit.dt, 5), limit.eigenvalue < limit.nodal_bound, limit.closed_form
     (0.01964, True, inf)
     """
+    over_ranks = offered(body, "stable_time_step")
+    if over_ranks is not None:
+        if u is not None:
+            raise ValueError("u does not go with a body over processes: its limit is that at rest")
+        found_over_ranks: StepLimit = over_ranks(body, M, tolerance)
+        return found_over_ranks
     mass = mass_solver(M, np.empty(0, dtype=np.int64))
     lumped = np.asarray(M.sum(axis=1)).ravel() if not isinstance(M, np.ndarray) else M
     nodal, row_sum = nodal_bounds(body, lumped, body.bounding_weights(u))

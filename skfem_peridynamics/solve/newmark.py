@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import ceil
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
 
 from .._types import Floats, Load, Longs
 from ..model.breaking import Breaking
+from ..model.led_body import offered
 from ..model.peridynamics import Peridynamics
 from ..model.vertex_stiffness import vertex_stiffness_scale
 from .cfl import StepLimit
@@ -116,6 +118,14 @@ def newmark(
     >>> max(abs(e / energy[0] - 1) for e in energy) < 1e-6
     True
     """
+    over_ranks = offered(body, "newmark")
+    if over_ranks is not None:
+        if start is not None:
+            raise ValueError("start does not go with a body over processes: runs of scenes are gone on with")
+        options: dict[str, Any] = {"beta": beta, "gamma": gamma, "limit": limit, "watch": watch, "tolerance": tolerance}
+        options |= {"linear": linear, "effort": effort}
+        led: Iterator[State] = over_ranks(body, M, u0, v0, dt=dt, until=until, load=load, fixed=fixed, **options)
+        return led
     size = M.shape[0]
     for name, value in (("beta", beta), ("gamma", gamma), ("dt", dt), ("until", until), ("tolerance", tolerance)):
         if not np.isfinite(value):

@@ -180,7 +180,7 @@ class Equilibrium:
     @cached_property
     def elastic(self) -> float:
         """The energy of all bonds, computed when first read."""
-        return float(self._body.energy(self.u))
+        return total(self._body, float(self._body.energy(self.u)))
 
     @property
     def kinetic(self) -> float:

@@ -10,6 +10,7 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from .._types import Floats, Load
 from ..model.breaking import Breaking
+from ..model.led_body import offered
 from ..model.peridynamics import Peridynamics
 from ..model.rigidity import check_rigid, check_supported
 from ..model.vertex_stiffness import vertex_stiffness_scale
@@ -93,6 +94,13 @@ def static(
     >>> round(float(last.u[20]), 6), bool(last.reaction[ends[1].dofs].sum() > 0.0)
     (0.05, True)
     """
+    over_ranks = offered(body, "static")
+    if over_ranks is not None:
+        if start is not None:
+            raise ValueError("start does not go with a body over processes: runs of scenes are gone on with")
+        options = {"until": until, "steps": steps, "tolerance": tolerance, "linear": linear, "effort": effort}
+        led: Iterator[Equilibrium] = over_ranks(body, u0, load=load, fixed=fixed, **options)
+        return led
     size = body.basis.N
     if not (isinstance(steps, (int, np.integer)) and steps > 0):
         raise ValueError(f"steps = {steps} must be a whole number, 1 or more")

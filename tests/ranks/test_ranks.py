@@ -157,6 +157,23 @@ def test_other_rules_masses_and_poisson_ratios_are_those_of_the_whole(n):
             assert found["same_force"], name
 
 
+@needs_mpi
+@pytest.mark.parametrize("n", [1, 3])
+def test_scripts_step_implicitly_over_ranks(n):
+    """The same functions as of one process, on every rank; what the first refuses all do."""
+    ended = launch(n, HERE / "implicit.py", HERE.parents[0] / "support")
+    assert ended.returncode == 0, ended.stderr[-2000:]
+    for name, found in json.loads(ended.stdout.splitlines()[-1]).items():
+        print(n, name, found)
+        assert found["softened"] > 10
+        for key in ("static", "reaction", "elastic", "imbalance", "lumped", "consistent", "limit"):
+            assert found[key] < 1e-11, (name, key)  # 2e-15 found
+        assert len(found["said"]) == n
+        assert all(
+            said == ["steps = 0 must be a whole numb", "the part of the body with the "] for said in found["said"]
+        )
+
+
 @pytest.fixture(scope="module")
 def serial(tmp_path_factory):
     folder = tmp_path_factory.mktemp("serial") / "out"

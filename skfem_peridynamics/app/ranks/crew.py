@@ -18,6 +18,7 @@ from ...ranks.breaking_ranks import BreakingRanks
 from ...ranks.distributed import distributed
 from ...ranks.limit import stable_time_step
 from ...ranks.mass import RankMass
+from ...ranks.operators import Operators
 from ...solve.central_difference import central_difference
 from ...solve.cfl import StepLimit
 from ...solve.constraints import Prescribed
@@ -27,22 +28,18 @@ from ..problem.conditions import LoadTerms, motion_of
 from ..problem.materials import make_material
 from ..problem.problem import Problem
 from ..scene.scene import Scene
-from .operators import Operators
 
 _CHECKED = 100  # steps between two checks of the energy balance
 
 
 @dataclass(eq=False)
 class Crew(Operators):
-    """A rank's part of a run. Every method is called by all ranks at once: by the first, which then gets what comes
-    out of it for the whole body, through :meth:`order`, and by the others in :meth:`follow`.
-    """
+    """A rank's part of a run."""
 
     scene: Scene
     m: Floats | RankMass
     load: Load | None
     fixed: list[Prescribed]
-    busy: bool = field(default=False, init=False)
     now: State | None = field(default=None, init=False)
     failed: UnstableRun | None = field(default=None, init=False)
     # on the first rank: numbers of the state to start from
@@ -87,21 +84,6 @@ class Crew(Operators):
                 fixed.append(motion_of(scene.fixed[k], share.mesh, mine, f"fixed[{k}]"))
         load = _dealt_load(comm, scene, body, terms) if comm.bcast(lead and terms is not None) else None
         return cls(comm, body, scene, m, load, fixed)
-
-    def order(self, name: str, *arguments: Any) -> Any:
-        """Have all ranks do something; return what came out, on the first."""
-        self.busy = True  # and stays so where something is raised in the midst of it
-        self.comm.bcast((name, arguments), root=0)
-        found = getattr(self, name)(*arguments)
-        self.busy = False
-        return found
-
-    def follow(self) -> None:
-        """Do what the first rank says, until it says that it is over."""
-        name = ""
-        while name != "close":
-            name, arguments = self.comm.bcast(None, root=0)
-            getattr(self, name)(*arguments)
 
     # ---- what can be ordered
     def limit(self) -> StepLimit:

@@ -14,6 +14,7 @@ import numpy as np
 from ..._types import Floats
 from ...analysis.damage import Census, Damage
 from ...model.rigidity import check_rigid
+from ...ranks.whole_body import WholeBody
 from ...solve.cfl import StepLimit
 from ...solve.instability import UnstableRun
 from ...solve.mass_solver import Chebyshev, Lumped, MassSolver
@@ -24,7 +25,6 @@ from ..run.record import Marks
 from ..scene.reading import SceneError, blame
 from ..scene.scene import Scene
 from .crew import Crew
-from .whole_body import WholeBody
 
 _SECONDS = 0.2  # of a block of steps after which the first rank looks up
 

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
-from ..._types import Csr, Floats, Longs
-from ..._vectors import real_vector
-from ...material.composite import Composite
-from ...material.elastic import Elastic
-from ...material.material import Material
-from ...model.peridynamics import MATRIX_MEMORY
-from .crew import Crew
+from .._types import Csr, Floats, Longs
+from .._vectors import real_vector
+from ..material.composite import Composite
+from ..material.elastic import Elastic
+from ..material.material import Material
+from ..material.potential import Potential
+from ..model.peridynamics import MATRIX_MEMORY
+from .operators import Operators
 
 
 class WholeBody:
@@ -24,8 +25,8 @@ class WholeBody:
 
     dilatation, matrix_memory = None, MATRIX_MEMORY
 
-    def __init__(self, crew: Crew, bonds: Any, material: Material | Composite) -> None:
-        self._crew, self.bonds, self.material, one = crew, bonds, material, crew.body.any_piece
+    def __init__(self, operators: Operators, bonds: Any, material: Material | Composite | Potential) -> None:
+        self._operators, self.bonds, self.material, one = operators, bonds, material, operators.body.any_piece
         self.laws, self.moments, self.compiles, self.crossing = one.laws, one.moments, one.compiles, one.crossing
         self.blocks, self.symmetric = one.blocks, one.symmetric
         self.basis = SimpleNamespace(N=bonds.dim * int(bonds.mesh.nvertices))
@@ -38,12 +39,12 @@ class WholeBody:
     @property
     def elastic(self) -> Elastic:
         """The constants of the material, where there is one."""
-        return self._crew.body.any_piece.elastic
+        return self._operators.body.any_piece.elastic
 
     @cached_property
     def linear(self) -> bool:
         """Whether no bond ever softens."""
-        return bool(self._crew.order("linear"))
+        return bool(self._operators.order("linear"))
 
     def force(self, u: Floats) -> Floats:
         """Return the forces."""
@@ -65,26 +66,26 @@ class WholeBody:
 
     def vertex_stiffness(self) -> Floats:
         """Return what vertices are held with at rest."""
-        found: Floats = self._crew.order("vertex_stiffness")
+        found: Floats = self._operators.order("vertex_stiffness")
         return found
 
     def connected_parts(self) -> Longs:
         """Return the part of the body that each vertex is in."""
-        found: Longs = self._crew.order("connected_parts")
+        found: Longs = self._operators.order("connected_parts")
         return found
 
     def largest_move(self, u: Floats, d: Floats, below: float) -> float:
         """Return the largest severity by d of the bonds whose own at u is below."""
-        self._crew.given = (u, d, None)
-        return float(self._crew.order("largest_move", below))
+        self._operators.given = (u, d, None)
+        return float(self._operators.order("largest_move", below))
 
     def left(self, u: Floats | None) -> LeftOverRanks:
         """Return what is left of the stiffness at u."""
-        return LeftOverRanks(self._crew, u)
+        return LeftOverRanks(self._operators, u)
 
     def _at(self, name: str, u: Floats) -> Any:
-        self._crew.given = (np.asarray(u, dtype=float), None, None)
-        return self._crew.order(name)
+        self._operators.given = (np.asarray(u, dtype=float), None, None)
+        return self._operators.order(name)
 
     def _operator(self, name: str) -> LinearOperator:
         def act(x: Floats) -> Floats:
@@ -98,7 +99,7 @@ class WholeBody:
 class LeftOverRanks:
     """What is left of the stiffness of all ranks at u; None: all of it."""
 
-    crew: Crew
+    operators: Operators
     u: Floats | None
 
     def matrix(self) -> Csr:
@@ -112,5 +113,5 @@ class LeftOverRanks:
         return found
 
     def _ordered(self, name: str) -> Any:
-        self.crew.given = (self.u, None, None)
-        return self.crew.order(name, self.u is not None)
+        self.operators.given = (self.u, None, None)
+        return self.operators.order(name, self.u is not None)

@@ -6,23 +6,42 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..._types import Csr, Floats, Longs
-from ...analysis.damage import Census, Damage
-from ...ranks import implicit
-from ...ranks.body import RankBody
+from .._types import Csr, Floats, Longs
+from ..analysis.damage import Census, Damage
+from . import implicit
+from .body import RankBody
 
 
 @dataclass(eq=False)
 class Operators:
-    """A rank's part of the operators. Every method is called by all ranks at once; ``given`` are, on the first one, the
-    vectors that they act on, and it alone gets what comes out.
+    """A rank's part of the operators. Every method is called by all ranks at once: by the first, which then gets what
+    comes out of it for the whole body, through :meth:`order`, and by the others in :meth:`follow`. ``given`` are, on
+    the first one, the vectors that they act on.
     """
 
     comm: Any
     body: RankBody
+    busy: bool = field(default=False, init=False)
     given: tuple[Floats | None, ...] = field(default=(None, None, None), init=False)
     _tangent: Callable[[Floats], Floats] | None = field(default=None, init=False)
 
+    def order(self, name: str, *arguments: Any) -> Any:
+        """Have all ranks do something; return what came out, on the first."""
+        self.busy = True  # and stays so where something is raised in the midst of it
+        self.comm.bcast((name, arguments), root=0)
+        found = getattr(self, name)(*arguments)
+        self.busy = False
+        return found
+
+    def follow(self, until: str = "close") -> Any:
+        """Do what the first rank says, until it says this; return what came out of that."""
+        name, found = "", None
+        while name != until:
+            name, arguments = self.comm.bcast(None, root=0)
+            found = getattr(self, name)(*arguments)
+        return found
+
+    # ---- what can be ordered
     def look(self) -> tuple[Census, Damage | None]:
         """The census and the damage."""
         count, hurt = self.body.look(self._own(0))
