@@ -68,6 +68,14 @@ def test_every_preconditioner_leads_to_the_same_motion(kind, mass):
     assert np.abs(mine.u - u0).max() > 0.1 * np.abs(u0).max()
 
 
+def test_a_lumped_mass_may_be_its_diagonal():
+    body, M, limit = small(2, peri.Exponential(1.0, 5e-2))
+    u0 = 0.05 * np.sin(np.pi * body.bonds.mesh.p.T).ravel()
+    one, other = (last(peri.newmark(body, m, u0, dt=limit.dt, until=9 * limit.dt)) for m in (M, M.diagonal()))
+    assert np.array_equal(one.u, other.u)
+    assert one.energies.total == other.energies.total
+
+
 def test_it_and_central_difference_come_to_the_same_motion_with_order_two():
     body, M, limit = small(2, peri.Exponential(1.0, 0.5), "structured")
     u0 = 0.05 * np.sin(np.pi * body.bonds.mesh.p.T).ravel()
