@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from .._types import Bools, Floats
@@ -25,36 +27,62 @@ def deep_points(bonds: BondList, points: Floats) -> Bools:
     return deep
 
 
+@dataclass(frozen=True)
+class DeepSums:
+    """Sums over the bonds of points deep inside: weight times length, times extent along facets; and their volume."""
+
+    strain: float
+    crack: float
+    volume: float
+
+    @classmethod
+    def of(cls, bonds: BondList, deep: Bools, mine: Bools, facets: tuple[Floats, Floats]) -> DeepSums:
+        """Sum over bonds with deep samples; the volume is that of deep sites that are ``mine`` (nsites,).
+
+        ``facets`` are the directions of those of the mesh and their shares.
+        """
+        samples = bonds.samples
+        volume = float(samples.volume[deep[samples.sites] & mine].sum())
+        normals, share = _directions(bonds, facets)
+        strain = crack = 0.0
+        for part in bonds.parts:
+            # the share of points deep inside: both ends where both are outer points, else twice the one that is
+            inside = part.near(deep.astype(float))
+            inside = inside + part.far(deep.astype(float)) if isinstance(part, PairBonds) else 2.0 * inside
+            weight = inside * part.weight * bonds.influence_of(part)
+            strain += float(weight @ np.linalg.norm(part.vectors(), axis=1))
+            if len(share):
+                crack += sum(
+                    float(weight @ length) * s for length, s in zip(_extents(bonds, part, normals), share, strict=True)
+                )
+        return cls(strain, crack, volume)
+
+    def moments(self, bonds: BondList, facets: tuple[Floats, Floats]) -> tuple[float, float]:
+        """Return the moments for strains and for cracks. Raises ``ValueError`` where nothing is deep inside."""
+        dim = bonds.dim
+        if not self.volume > 0.0:
+            raise ValueError(
+                f"horizon = {bonds.horizon:g}: no vertex lies deeper than it inside the body, so the moment of the "
+                "bonds cannot be measured; use the continuum calibration"
+            )
+        scale = bonds.prefactor / (2.0 * dim * self.volume)
+        if not len(_directions(bonds, facets)[1]):
+            return scale * self.strain, scale * self.strain
+        # the mean of |e.n| over the sphere is 2 omega_{d-1} / (d omega_d)
+        return scale * self.strain, scale * self.crack * dim * UNIT_BALL[dim] / (2.0 * UNIT_BALL[dim - 1])
+
+
 def discrete_moments(bonds: BondList) -> tuple[float, float]:
     """Return the moments for strains and for cracks; see ``BondBasis.discrete_moments``."""
-    samples, dim = bonds.samples, bonds.dim
-    deep = deep_points(bonds, samples.points)
-    volume = float(samples.volume[deep[samples.sites]].sum())
-    if not volume > 0.0:
-        raise ValueError(
-            f"horizon = {bonds.horizon:g}: no vertex lies deeper than it inside the body, so the moment of the "
-            "bonds cannot be measured; use the continuum calibration"
-        )
-    normals, share = facet_directions(bonds.mesh)
-    pairs = all(isinstance(part, PairBonds) for part in bonds.parts) and samples.at_vertices
-    if not len(share) and not pairs:
-        normals, share = _all_directions(dim)
-    strain = crack = 0.0
-    for part in bonds.parts:
-        # the share of points deep inside: both ends where both are outer points, else twice the one that is
-        inside = part.near(deep.astype(float))
-        inside = inside + part.far(deep.astype(float)) if isinstance(part, PairBonds) else 2.0 * inside
-        weight = inside * part.weight * bonds.influence_of(part)
-        strain += float(weight @ np.linalg.norm(part.vectors(), axis=1))
-        if len(share):
-            crack += sum(
-                float(weight @ length) * s for length, s in zip(_extents(bonds, part, normals), share, strict=True)
-            )
-    scale = bonds.prefactor / (2.0 * dim * volume)
-    if not len(share):
-        return scale * strain, scale * strain
-    # the mean of |e.n| over the sphere is 2 omega_{d-1} / (d omega_d)
-    return scale * strain, scale * crack * dim * UNIT_BALL[dim] / (2.0 * UNIT_BALL[dim - 1])
+    facets, samples = facet_directions(bonds.mesh), bonds.samples
+    every = np.ones(len(samples.sites), dtype=bool)
+    return DeepSums.of(bonds, deep_points(bonds, samples.points), every, facets).moments(bonds, facets)
+
+
+def _directions(bonds: BondList, facets: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    """Normals along which cracks run, and their shares; none where all are as good, of vertex pairs."""
+    pairs = all(isinstance(part, PairBonds) for part in bonds.parts) and bonds.samples.at_vertices
+    return facets if len(facets[1]) or pairs else _all_directions(bonds.dim)
 
 
 def _extents(bonds: BondList, part: Part, normals: Floats) -> Floats:

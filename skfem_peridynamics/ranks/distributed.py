@@ -15,7 +15,7 @@ from ..bonds.corner_rule import CornerRule
 from ..bonds.pair_rule import PairRule
 from ..bonds.rule import Rule
 from ..geometry.neighbours import local_order, pairs_within
-from ..geometry.simplices import longest_edge, vertex_sizes
+from ..geometry.simplices import facet_directions, longest_edge, vertex_sizes
 from ..material.composite import Composite
 from ..material.influence import Influence
 from ..material.material import Material
@@ -116,12 +116,12 @@ def distributed(
     assert mine is not None
     share = mine.share
     made = material(share.mesh) if callable(material) and not isinstance(material, Potential) else material
-    if isinstance(made, Material | Composite):
-        for one in made.materials if isinstance(made, Composite) else (made,):
-            if one.calibrate == "discrete":
-                raise ValueError('calibrate = "discrete" cannot be measured over processes yet')
+    materials = made.materials if isinstance(made, Composite) else (made,)
+    facets = None
+    if any(getattr(one, "calibrate", "") == "discrete" for one in materials):
+        facets = comm.bcast(facet_directions(mesh) if mesh is not None and comm.rank == 0 else None, root=0)
     options.setdefault("threads", threads_of_a_rank())
-    rest = mine.no_fail if len(mine.no_fail) else None, balanced, mine.w, breaking, overlap
+    rest = mine.no_fail if len(mine.no_fail) else None, balanced, mine.w, breaking, overlap, facets
     return make_body(comm, share, horizon, influence, mine.rule, made, *rest, **options)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from .._types import Floats, Longs
 from ..bonds.ball_rule import BallRule, support
 from ..bonds.bond_basis import BondBasis, gives_way
+from ..bonds.discrete_moments import DeepSums, deep_points
 from ..bonds.pair_rule import PairRule
 from ..bonds.rule import Rule
 from ..geometry.simplices import vertex_volumes
@@ -22,7 +23,7 @@ from ..model.space import numbering_basis
 from .body import RankBody
 from .breaking_ranks import BreakingRanks
 from .dealt_mesh import DealtMesh
-from .dealt_rule import dealt
+from .dealt_rule import DealtRule, dealt
 from .dilated_ranks import DilatedRanks
 from .rank_moments import balanced_over_ranks
 from .share import Share
@@ -40,11 +41,19 @@ def make_body(
     w: Floats | None = None,
     breaking: float | None = None,
     overlap: bool = False,
+    facets: tuple[Floats, Floats] | None = None,
     **options: Any,
 ) -> RankBody:
-    """Return the body of a share; ``no_fail`` and ``w`` are of vertices of the rank's mesh, ghosts among them."""
+    """Return the body of a share; ``no_fail`` and ``w`` are of vertices of the rank's mesh, ghosts among them.
+
+    With the directions of the ``facets`` of the whole mesh and their shares the moments are those of the bonds.
+    """
     mesh, basis = DealtMesh(comm, share), numbering_basis(share.mesh)
     probe = Peridynamics(BondBasis(basis, horizon, influence, rule, w), material)
+    if facets is not None:
+        if isinstance(rule, PairRule) and rule.points == "gauss":
+            raise ValueError('calibrate = "discrete" does not go with Gauss pairs over processes yet')
+        probe.bonds.__dict__["discrete_moments"] = (1.0, 1.0)  # whether there is a dilatation does not depend on them
     dilated = any(comm.allgather(any(probe.volumetric_energies)))
     if breaking is not None and (dilated or _ends_inside(rule)):
         raise ValueError(
@@ -64,8 +73,10 @@ def make_body(
         assert found is not None
         if gives_way(rule, found, say=share.rank == 0):
             mesh.close()
-            rest = no_fail, balanced, w, breaking, overlap
+            rest = no_fail, balanced, w, breaking, overlap, facets
             return make_body(comm, share, horizon, influence, PairRule(), material, *rest, **options)
+    if facets is not None:
+        _set_moments(mesh, there, facets)
     bodies = [_body(bonds, material, no_fail, breaking, options) for bonds in there]
     if dilated:
         (body,) = bodies
@@ -103,3 +114,24 @@ def _check_support(mesh: DealtMesh, rule: BallRule, pieces: list[BondBasis]) -> 
     held = mesh.halo(dim * dim).summed(local.ravel()).reshape(-1, dim, dim)
     own = share.own
     rule.check_support(held, share.mesh.p[:, :own], vertex_volumes(share.mesh)[:own], share.number[:own])
+
+
+def _set_moments(mesh: DealtMesh, pieces: list[BondBasis], facets: tuple[Floats, Floats]) -> None:
+    """Give the bonds of a rank the moments that those of all have."""
+    share, sums = mesh.share, np.zeros(3)
+    for k, bonds in enumerate(pieces):
+        samples = bonds.samples
+        deep, mine = deep_points(bonds, samples.points), np.ones(len(samples.sites), dtype=bool)
+        if samples.at_vertices:  # whose ghosts the rank's mesh may end at, and whose sites are all
+            vertex = samples.vertices[:, 0]
+            own = np.empty(len(vertex))
+            own[vertex] = deep
+            deep = mesh.halo(1).extended(own[: share.own])[vertex] > 0.5
+            mine = vertex[samples.sites] < share.own
+            if isinstance(bonds.rule, DealtRule) and isinstance(bonds.rule.rule, BallRule):
+                mine[:] = True  # only its own are there
+        found = DeepSums.of(bonds, deep, mine, facets)
+        sums += found.strain, found.crack, 0.0 if k else found.volume
+    whole = DeepSums(*mesh.comm.allreduce(sums).tolist())
+    for bonds in pieces:
+        bonds.__dict__["discrete_moments"] = whole.moments(bonds, facets)

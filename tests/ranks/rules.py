@@ -1,5 +1,6 @@
 """Run by mpiexec: bodies of all rules, masses and Poisson ratios over ranks beside the whole; prints what is off."""
 
+import dataclasses
 import json
 import sys
 import warnings
@@ -27,6 +28,7 @@ def main():
     plate = peri.Material.from_elastic(**soft, plane="stress", poisson=0.2)
     strained = peri.Material.from_elastic(**soft, plane="strain", poisson=0.4)
     block = peri.Material.from_elastic(**soft, poisson=0.35)
+    discrete = dataclasses.replace(plate, calibrate="discrete", poisson=None)
     law = peri.Exponential(1.0, 1e-2)
     cases = {
         "Gauss pairs": (2, 14, 0.2, gauss, law, {}),
@@ -45,6 +47,16 @@ def main():
         "balanced corner pairs": (2, 24, 0.25, peri.CornerRule(), law, {"balanced": True}),
         "corner pairs, 3D": (3, 8, 0.4, peri.CornerRule(), law, {}),
         "corner pairs that give way": (2, 12, 0.25, peri.CornerRule(1, 3), law, {"balanced": True}),
+        "discrete pairs": (2, 20, 0.16, pairs, discrete, {"balanced": True}),
+        "discrete balls": (2, 14, 0.2, ball, discrete, {}),
+        "discrete balls at vertices, 3D": (
+            3,
+            6,
+            0.3,
+            at_vertices,
+            dataclasses.replace(block, calibrate="discrete"),
+            {},
+        ),
         "poisson 0.2": (2, 20, 0.16, pairs, plate, {}),
         "poisson 0.4, by arrays": (2, 16, 0.2, pairs, strained, {"compiled": False}),
         "poisson 0.4, balls": (2, 12, 0.25, ball, strained, {}),
@@ -79,7 +91,7 @@ def main():
             *_, state = peri.central_difference(body, m, 0.1 * own, other_own, dt=dt, until=4 * dt)
             moved.append(body.gather(state.u))
             moved.append(np.array([state.energies.kinetic, state.energies.elastic]))
-        bonds = comm.gather(body.nbonds)
+        bonds, moments = comm.gather(body.nbonds), body.any_piece.moments
         body.close()
         if comm.rank:
             continue
@@ -113,6 +125,7 @@ def main():
             "mass": off(times, M @ u),
             "solve": off(solved, exact),
             "bonds": [bonds, whole.bonds.nbonds],
+            "moments": off(np.array(moments), np.array(whole.moments)),
             "limits": [],
             "moved": [],
         }

@@ -72,7 +72,10 @@ def test_shares_hold_what_bonds_of_their_vertices_need():
 
 REFUSED = {
     "time.scheme = 'newmark' with material.breaking": ("density = 1.0", "density = 1.0, breaking = 1.5"),
-    'material.calibrate = "discrete"': ("density = 1.0", 'density = 1.0, calibrate = "discrete"'),
+    'material.calibrate = "discrete" with bonds.rule = "gauss_pairs"': (
+        'density = 1.0, plane = "stress"}\nbonds = {',
+        'density = 1.0, plane = "stress", calibrate = "discrete"}\nbonds = {rule = "gauss_pairs", ',
+    ),
 }
 
 
@@ -138,10 +141,10 @@ def test_other_rules_masses_and_poisson_ratios_are_those_of_the_whole(n):
     ended = launch(n, HERE / "rules.py", HERE.parents[0] / "support", *OTHERS[n])
     assert ended.returncode == 0, ended.stderr[-2000:]
     cases = json.loads(ended.stdout.splitlines()[-1])
-    assert len(cases) == (len(OTHERS[n]) or 20)
+    assert len(cases) == (len(OTHERS[n]) or 23)
     for name, found in cases.items():
         print(n, name, found)
-        for key in ("force", "product", "energy", "Z", "elastic", "area", "mass", "solve"):
+        for key in ("force", "product", "energy", "Z", "elastic", "area", "mass", "solve", "moments"):
             assert found[key] < 1e-14, (name, key)  # 2e-15 found
         assert found["stress"] < 2e-14, name  # 4e-15 found: balls of other ranks end in a vertex, too
         assert found["intact"] < 1e-14, name
@@ -229,9 +232,10 @@ def test_check_tells_what_each_process_would_have(tmp_path, capsys):
     told = next(line for line in capsys.readouterr().out.splitlines() if "processes" in line)
     words = f"3: {min(own)} to {max(own)} vertices each, {min(ghosts)} to {max(ghosts)} ghosts"
     assert words in told
-    scene.write_text(PLATE.replace("density = 1.0", 'density = 1.0, calibrate = "discrete"'))
+    newmark = PLATE.replace("until = 2.0", 'until = 2.0, scheme = "newmark", step = 0.1')
+    scene.write_text(newmark.replace("density = 1.0", "density = 1.0, breaking = 1.5"))
     assert main(["check", str(scene), "--mpi", "3"]) == 2
-    assert "calibrate" in capsys.readouterr().err
+    assert "breaking" in capsys.readouterr().err
     scene.write_text(PLATE)
     assert main(["check", str(scene), "--mpi", "100000"]) == 2
     assert "too many" in capsys.readouterr().err

@@ -35,7 +35,9 @@ def refuse(scene: Scene) -> None:
         f"time.scheme = {scene.time.scheme!r} with material.breaking": (
             scene.time.scheme in ("newmark", "static") and scene.material.breaking is not None
         ),
-        'material.calibrate = "discrete"': scene.material.calibrate == "discrete",
+        f'material.calibrate = "discrete" with bonds.rule = "{scene.bonds.rule}"': (
+            scene.material.calibrate == "discrete" and scene.bonds.rule == "gauss_pairs"
+        ),
     }
     found = [name for name, there in no.items() if there]
     if found:
