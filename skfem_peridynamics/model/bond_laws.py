@@ -76,14 +76,23 @@ def _of_materials(
         yield composite.mixed(laws, members), lambda part, materials=materials: np.flatnonzero(sets(part) == materials)  # type: ignore[misc]
 
 
-def _no_fail_samples(bonds: BondBasis, no_fail: npt.ArrayLike) -> Floats:
-    """1 at the samples that use a no-fail vertex, else 0."""
+def marked_vertices(no_fail: npt.ArrayLike, nvertices: int) -> Bools:
+    """Return which of the vertices are listed, (nvertices,). Raises ``ValueError`` for a list of none, or of others.
+
+    >>> marked_vertices([2], 3).tolist()
+    [False, False, True]
+    """
     listed = np.asarray(no_fail)
-    nvertices = bonds.mesh.nvertices
     if listed.dtype.kind not in "iu" or not listed.size or listed.min() < 0 or listed.max() >= nvertices:
         raise ValueError(f"no_fail must list vertices, numbers from 0 to {nvertices - 1}, and not be empty")
-    marked = np.zeros(nvertices)
-    marked[listed] = 1.0
+    marked = np.zeros(nvertices, dtype=bool)
+    marked[listed] = True
+    return marked
+
+
+def _no_fail_samples(bonds: BondBasis, no_fail: npt.ArrayLike) -> Floats:
+    """1 at the samples that use a no-fail vertex, else 0."""
+    marked = marked_vertices(no_fail, int(bonds.mesh.nvertices)).astype(float)
     return (bonds.samples.take(marked) > 0.0).astype(float)
 
 

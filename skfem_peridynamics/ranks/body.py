@@ -119,12 +119,26 @@ class RankBody:
         every, gone = (one.summed(np.sum([getattr(t, name) for t in tallies], axis=0)) for name in ("every", "gone"))
         return whole, Tally(largest, every, gone, whole.softened).damage()
 
+    def worst(self, size: Floats) -> tuple[int, Floats]:
+        """Return the vertex of the whole mesh, and its place, where a size of the unknowns is largest on any rank."""
+        at = int(np.argmax(size))
+        vertex = at // self.dim
+        mine = float(size[at]), -int(self.share.number[vertex]), self.share.mesh.p[:, vertex]
+        _, number, point = max(self.comm.allgather(mine), key=lambda found: found[:2])
+        return -number, point
+
     def gather(self, own: Floats) -> Floats | None:
         """Return a vector of the whole mesh on the first rank, None on the others."""
         return self.dealt.gather(own)
 
     def scatter(self, whole: Floats | None) -> Floats:
         """Return the rank's own part of a vector that the first rank has of the whole mesh."""
+        said, size, shape = "", self.share.nvertices * self.dim, () if whole is None else whole.shape
+        if self.share.rank == 0 and shape != (size,):
+            said = f"a vector of shape {shape} is none of the whole mesh: the first rank gives one of ({size},)"
+        said = self.comm.bcast(said, root=0)
+        if said:
+            raise ValueError(said)
         return self.dealt.scatter(whole, self.dim)
 
     def close(self) -> None:

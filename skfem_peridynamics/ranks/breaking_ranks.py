@@ -75,6 +75,11 @@ class BreakingRanks(RankBody):
 
     def recall(self, broken: Sequence[Longs] | None) -> None:
         """Break the listed bonds, pairs of vertices of the whole mesh; None makes all whole."""
+        if broken is not None and any(len(x) and x.ndim != 2 for x in broken):
+            raise ValueError(
+                "the broken bonds of the state to start from are listed by number, as runs of one process did before: "
+                "go on with it once without --mpi, to a new checkpoint"
+            )
         every = (
             np.zeros((0, 2), dtype=np.int64) if broken is None else np.concatenate([x.reshape(-1, 2) for x in broken])
         )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import weakref
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -24,8 +26,13 @@ class DealtMesh:
     share: Share
     _halos: dict[int, Halo] = field(default_factory=dict, repr=False)
 
+    def __post_init__(self) -> None:
+        _OPEN.add(self)
+
     def halo(self, width: int) -> Halo:
-        """Return the exchange of so many numbers a vertex, made once."""
+        """Return the exchange of so many numbers a vertex, made once. Raises ``ValueError`` after the end."""
+        if self not in _OPEN:
+            raise ValueError("the body is closed: what it had of PETSc has been given back")
         if width not in self._halos:
             self._halos[width] = Halo(self.comm, self.share, width)
         return self._halos[width]
@@ -62,6 +69,7 @@ class DealtMesh:
 
     def close(self) -> None:
         """Give back what PETSc holds."""
+        _OPEN.discard(self)
         while self._halos:
             self._halos.popitem()[1].close()
 
@@ -74,3 +82,13 @@ class DealtMesh:
         places = np.empty(self.share.nvertices, dtype=np.int64)
         places[np.concatenate(found)] = np.arange(self.share.nvertices)
         return places, [len(numbers) for numbers in found]
+
+
+_OPEN: weakref.WeakSet[DealtMesh] = weakref.WeakSet()
+
+
+@atexit.register
+def _close_all() -> None:
+    """Give back what is left of PETSc's memory before PETSc ends: later it is too late, and the process would crash."""
+    for mesh in list(_OPEN):
+        mesh.close()

@@ -8,18 +8,19 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from .._types import Floats, Longs, Mesh
+from .._types import Bools, Floats, Longs, Mesh
 from ..bonds.ball_rule import BallRule
 from ..bonds.bond_basis import BondBasis
 from ..bonds.corner_rule import CornerRule
 from ..bonds.pair_rule import PairRule
 from ..bonds.rule import Rule
 from ..geometry.neighbours import local_order, pairs_within
-from ..geometry.simplices import facet_directions, longest_edge, vertex_sizes
+from ..geometry.simplices import check_simplices, facet_directions, longest_edge, vertex_sizes
 from ..material.composite import Composite
 from ..material.influence import Influence
 from ..material.material import Material
 from ..material.potential import Potential
+from ..model.bond_laws import marked_vertices
 from ..model.space import numbering_basis
 from .body import RankBody
 from .make_body import make_body
@@ -99,14 +100,23 @@ def distributed(
     """
     rule = PairRule() if rule is None else rule
     if not isinstance(rule, PairRule | BallRule | CornerRule):
-        raise ValueError(f"rule = {rule.name}: rules of one's own cannot be dealt out over processes yet")
+        named = getattr(rule, "name", repr(rule))
+        raise ValueError(f"rule = {named}: over processes it must be a PairRule, a BallRule or a CornerRule")
+    if breaking is not None and not isinstance(breaking, (int, float)):
+        raise ValueError(f"breaking = {breaking!r} must be a number, 1 or more")
     offer_schemes()
-    comm, mine = world(), None
+    comm, mine, plan = world(), None, None
+    said = ""
     if comm.rank == 0:
-        assert mesh is not None
-        if mesh.nvertices < comm.size:
-            raise ValueError(f"{comm.size} processes are too many for {mesh.nvertices} vertices")
-        for rank, part in enumerate(_dealt(mesh, horizon, rule, no_fail, boundary_function, comm.size)):
+        try:
+            plan = _plan(mesh, horizon, rule, no_fail, boundary_function, comm.size)
+        except ValueError as error:  # what the first rank alone can see, all say
+            said = str(error)
+    said = comm.bcast(said, root=0)
+    if said:
+        raise ValueError(said)
+    if plan is not None:
+        for rank, part in enumerate(_dealt(plan)):
             if rank:  # one after the other: beside the whole mesh there is one share at a time
                 comm.send(part, dest=rank)
             else:
@@ -134,39 +144,61 @@ class _Part(NamedTuple):
     w: Floats | None
 
 
-def _dealt(
-    mesh: Mesh,
+class _Plan(NamedTuple):
+    """How a mesh is dealt: the rule for the whole of it, the owners of vertices, no-fail vertices and values of w."""
+
+    mesh: Mesh
+    rule: Rule
+    owner: Longs
+    reach: float
+    along: Longs | None
+    no_fail: Bools
+    w: Floats | None
+
+
+def _plan(
+    mesh: Mesh | None,
     horizon: float,
     rule: Rule,
     no_fail: npt.ArrayLike | None,
     boundary_function: str | npt.ArrayLike | None,
     nranks: int,
-) -> Iterator[_Part]:
-    """Yield what each rank is sent."""
-    along, w = None, None
+) -> _Plan:
+    """Return how a mesh is dealt. Raises ``ValueError`` for arguments that make no sense."""
+    if mesh is None:
+        raise ValueError("mesh = None: the first rank needs the mesh")
+    check_simplices(mesh)
+    whole = BondBasis(numbering_basis(mesh), horizon, boundary_function=boundary_function)
+    if mesh.nvertices < nranks:
+        raise ValueError(f"{nranks} processes are too many for {mesh.nvertices} vertices")
+    along = None
     if isinstance(rule, BallRule | CornerRule):
         rule = rule.fitted(mesh, horizon)  # what follows the mesh follows the whole
     if isinstance(rule, CornerRule):
         along = np.argsort(local_order(mesh.p))
     chosen = np.zeros(mesh.nvertices, dtype=bool)
     if no_fail is not None:
-        chosen[np.asarray(no_fail)] = True
-    if boundary_function is not None:  # known where the whole boundary is
-        w = BondBasis(numbering_basis(mesh), horizon, boundary_function=boundary_function).vertex_weight
+        chosen = marked_vertices(no_fail, int(mesh.nvertices))
+    w = whole.vertex_weight  # known where the whole boundary is
     owner = divided(mesh.p, work_of_vertices(mesh, horizon, rule), nranks)
-    for share in shares(mesh, owner, reach_of(mesh, horizon, rule, w is not None), along):
-        yield _Part(rule, share, np.flatnonzero(chosen[share.number]), None if w is None else share.part(w))
+    return _Plan(mesh, rule, owner, reach_of(mesh, horizon, rule, w is not None), along, chosen, w)
+
+
+def _dealt(plan: _Plan) -> Iterator[_Part]:
+    """Yield what each rank is sent."""
+    for share in shares(plan.mesh, plan.owner, plan.reach, plan.along):
+        w = None if plan.w is None else share.part(plan.w)
+        yield _Part(plan.rule, share, np.flatnonzero(plan.no_fail[share.number]), w)
 
 
 def reach_of(mesh: Mesh, horizon: float, rule: Rule, weighted: bool = False) -> float:
     """Return how far beyond its own vertices a rank's mesh goes: what its bonds meet has its whole size there.
 
     A sample in an element is an edge at most from the vertex that owns it; so are the points about which moments are
-    integrated for balls, and where w is not 1 everywhere.
+    integrated for balls, and where w is not 1 everywhere, and those that a corner pair stands for: rays from its far
+    end that meet them go on within a horizon of its near end.
     """
     edges = 1.0 if isinstance(rule, PairRule) and rule.points == "vertices" and not weighted else 2.0
-    # the weight of a corner pair is that of the balls about both ends
-    horizon *= 2.0 if isinstance(rule, CornerRule) else 1.0
     return horizon + float(vertex_sizes(mesh).max()) + edges * float(longest_edge(mesh))
 
 

@@ -20,7 +20,12 @@ _VECTORS = 38  # as the serial Lanczos has
 
 def stable_time_step(body: RankBody, m: Floats | RankMass, tolerance: float = 5e-3) -> StepLimit:
     """Return the largest stable step of a body at rest; ``m`` is the lumped mass (nown dim,) or the consistent one."""
-    lumped = m.lumped if isinstance(m, RankMass) else m
+    if not (np.isfinite(tolerance) and tolerance > 0.0):
+        raise ValueError(f"tolerance = {tolerance} must be a positive number")
+    lumped = m.lumped if isinstance(m, RankMass) else np.asarray(m, dtype=float)
+    sound = lumped.shape == (body.share.own * body.dim,) and bool(np.isfinite(lumped).all() and (lumped > 0.0).all())
+    if not all(body.comm.allgather(sound)):
+        raise ValueError("m must be the positive, finite lumped mass of each rank's own part, or a RankMass")
     scale = 1.0 / np.sqrt(lumped).reshape(-1, body.dim)
     scaled = body.vertex_stiffness(bounding=True) * scale[:, :, None] * scale[:, None, :]
     trace = float(2.0 * np.trace(scaled, axis1=1, axis2=2).max(initial=0.0))

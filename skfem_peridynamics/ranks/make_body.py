@@ -55,7 +55,7 @@ def make_body(
             raise ValueError('calibrate = "discrete" does not go with Gauss pairs over processes yet')
         probe.bonds.__dict__["discrete_moments"] = (1.0, 1.0)  # whether there is a dilatation does not depend on them
     dilated = any(comm.allgather(any(probe.volumetric_energies)))
-    if breaking is not None and (dilated or _ends_inside(rule)):
+    if breaking is not None and (dilated or ends_inside(rule)):
         raise ValueError(
             f"breaking = {breaking:g}: over processes it goes with vertex pairs and corner pairs yet, and with no "
             "Poisson ratio but that of bonds alone"
@@ -102,7 +102,7 @@ def _body(
     return Breaking(bonds, material, no_fail, at=breaking, **options)
 
 
-def _ends_inside(rule: Rule) -> bool:
+def ends_inside(rule: Rule) -> bool:
     """Whether bonds of a rule end inside elements."""
     return isinstance(rule, BallRule) or getattr(rule, "points", "vertices") != "vertices"
 

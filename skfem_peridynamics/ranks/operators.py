@@ -99,7 +99,7 @@ class Operators:
         return implicit.connected_over_ranks(self.body)
 
     def _own(self, k: int) -> Floats:
-        return self.body.scatter(self.given[k])
+        return self.body.dealt.scatter(self.given[k], self.body.dim)
 
     def _tensors(self, own: Floats) -> Floats | None:
         found = self.body.gather(own.ravel())

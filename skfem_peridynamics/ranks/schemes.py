@@ -103,7 +103,7 @@ class _Led(Operators):
 
     def state(self, names: tuple[str, ...], numbers: dict[str, Any]) -> Any:
         """A rank's own part of a state."""
-        vectors = {name: self.body.scatter(x) for name, x in zip(names, self.given, strict=False)}
+        vectors = {name: self.body.dealt.scatter(x, self.body.dim) for name, x in zip(names, self.given, strict=False)}
         if self.comm.rank and "initial_ripple" in numbers:  # its sums are those over ranks
             numbers = numbers | {"work": 0.0, "dissipated": 0.0}
         return self.made(vectors, numbers)
@@ -141,7 +141,7 @@ def _led(
     bonds = SimpleNamespace(
         nbonds=nbonds,
         dim=dim,
-        mesh=SimpleNamespace(p=p, nvertices=p.shape[1]),
+        mesh=SimpleNamespace(p=p, nvertices=p.shape[1], dim=lambda: dim),
         horizon=one.bonds.horizon,
         rule=one.bonds.rule,
         vertex_weight=one.bonds.vertex_weight,

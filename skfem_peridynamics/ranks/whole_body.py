@@ -29,7 +29,7 @@ class WholeBody:
         self._operators, self.bonds, self.material, one = operators, bonds, material, operators.body.any_piece
         self.laws, self.moments, self.compiles, self.crossing = one.laws, one.moments, one.compiles, one.crossing
         self.blocks, self.symmetric = one.blocks, one.symmetric
-        self.basis = SimpleNamespace(N=bonds.dim * int(bonds.mesh.nvertices))
+        self.basis = SimpleNamespace(N=bonds.dim * int(bonds.mesh.nvertices), mesh=bonds.mesh)
 
     @property
     def whole(self) -> WholeBody:

@@ -126,6 +126,10 @@ def central_difference(
     mass = mass_solver(M, prescribed)
     if adapt < 0 or (adapt and (limit is None or not getattr(body, "symmetric", False))):
         raise ValueError(f"adapt = {adapt} must be 0, or positive with a limit and a body of a symmetric rule")
+    if adapt and not isinstance(body, Peridynamics):
+        raise ValueError(
+            f"adapt = {adapt} takes a Peridynamics body: of others, and over processes, no tangent is known"
+        )
     if adapt and start is not None:
         raise ValueError(f"adapt = {adapt} does not go with start, whose steps are all of one length")
     motion = _Motion(body, mass, initial_vector(u0, size, "u0"), initial_vector(v0, size, "v0"), dt, load, fixed)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..geometry.simplices import describe_point
+from ..model.led_body import LedBody
 from .cfl import StepLimit
 from .energy import Energies
 from .mass_solver import Lumped
@@ -92,7 +93,7 @@ class Watch:
             return "Take a smaller dt, or let loads and motions grow over several steps"
         if state.dt > self.limit.dt:
             return "Take a smaller dt: the step is above the limit"
-        if hasattr(body, "tangent_operator"):
+        if hasattr(body, "tangent_operator") and not isinstance(body, LedBody):
             now = self._stiffest_limit(state)
             if state.dt > 1.05 * now:  # that limit is 2 % on the safe side, and more
                 return f"Take a smaller dt: the material has stiffened, the limit is {now:.6g} by now"
@@ -157,6 +158,10 @@ def _place(state: State) -> tuple[int | None, str]:
     """The vertex where a state is worst, and words for it: the first that is not finite, or the most accelerated."""
     wrong = ~(np.isfinite(state.u) & np.isfinite(state.v) & np.isfinite(state.a))
     at = int(np.argmax(wrong)) if wrong.any() else int(np.argmax(np.abs(state.a)))
+    over_ranks = getattr(state._body, "worst", None)
+    if over_ranks is not None:
+        vertex, point = over_ranks(np.where(wrong, np.inf, np.abs(state.a)))
+        return vertex, f" at vertex {vertex}, {describe_point(point)}"
     basis: Any = getattr(state._body, "basis", None)
     if basis is None:
         return None, f" at degree of freedom {at}"

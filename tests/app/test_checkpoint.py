@@ -446,3 +446,45 @@ def test_a_limit_that_does_not_give_the_step(name, value, tmp_path):
     write_checkpoint(tmp_path, replace(kept, facts=kept.facts | {"limit": limit}))
     with pytest.raises(SceneError, match="its step is not that of its limit"):
         run(small(), tmp_path, resume=True)
+
+
+WITHOUT_A_BOUND = {
+    "1D": """
+mesh = {box = [[0, 1]], divisions = [40]}
+material = {young = 1.0, toughness = 1.0, density = 1.0}
+bonds = {horizon = 0.1}
+initial = {velocity = ["1e-3*x"]}
+""",
+    "one-sided": """
+mesh = {box = [[0, 1], [0, 1]], divisions = [8, 8]}
+material = {young = 1.0, toughness = 1.0, density = 1.0, plane = "stress"}
+bonds = {horizon = 0.3, rule = "ball", symmetric = false}
+initial = {velocity = ["1e-3*x", "0"]}
+""",
+}
+
+
+@pytest.mark.parametrize("kind", WITHOUT_A_BOUND)
+def test_a_run_without_a_bound_of_its_step_goes_on(kind, tmp_path):
+    """In 1D the closed form is infinite, of a one-sided rule with the consistent mass the nodal bound, too."""
+    mass = ', mass = "consistent"' if kind == "one-sided" else ""
+    ending = f"time = {{until = 1.0, step = 0.01{mass}}}\n"
+    ending += "output = {frames = 0, history = 20, pictures = false, checkpoint_every = 10}\n"
+    scene = Scene.parse(WITHOUT_A_BOUND[kind] + ending)
+    stop(scene, tmp_path / "stopped", 45)
+    assert run(scene, tmp_path / "stopped", resume=True)["resumed_at_steps"]
+    run(scene, tmp_path / "whole")
+    ours, theirs = ((tmp_path / folder / "history.csv").read_bytes() for folder in ("stopped", "whole"))
+    assert ours == theirs
+
+
+@pytest.mark.parametrize(
+    "limit", [{"eigenvalue": 0.0, "nodal_bound": 0.0}, {"nodal_bound": -1.0}, {"closed_form": "x"}]
+)
+def test_a_limit_without_a_step_is_none(limit, tmp_path):
+    stop(small(), tmp_path, 7)
+    known = read_checkpoint(tmp_path / "checkpoint.bin")
+    facts = known.facts | {"limit": known.facts["limit"] | limit}
+    write_checkpoint(tmp_path, replace(known, facts=facts))
+    with pytest.raises(SceneError, match="its step limit is none"):
+        run(small(), tmp_path, resume=True)

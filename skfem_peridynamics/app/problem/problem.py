@@ -96,15 +96,19 @@ class Problem:
         table = self.scene.bonds
         with blame("bonds"):
             bonds = BondBasis(self.basis, table.horizon, table.influence, self.rule, table.boundary_function)
-        extent = float(np.ptp(self.mesh.p, axis=1).max())
-        if table.horizon > extent:
-            _log.warning("bonds.horizon = %g is larger than the body, which measures %g", table.horizon, extent)
+        self.check_horizon()
         self.check_memory()
         with blame("bonds"):
             _ = bonds.parts  # made here, where a vertex without a bond has a key to blame
             if self.discretisation.balanced:
                 bonds = bonds.balanced()
         return bonds
+
+    def check_horizon(self) -> None:
+        """Say in the log where the horizon is larger than the body."""
+        horizon, extent = self.scene.bonds.horizon, float(np.ptp(self.mesh.p, axis=1).max())
+        if horizon > extent:
+            _log.warning("bonds.horizon = %g is larger than the body, which measures %g", horizon, extent)
 
     @cached_property
     def discretisation(self) -> Discretisation:

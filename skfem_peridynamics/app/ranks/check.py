@@ -9,11 +9,13 @@ from ...ranks.share import divided, shares
 from ..problem.problem import Problem
 from ..scene.reading import SceneError
 from ..scene.scene import Scene
+from .lead import refuse_problem
 
 
 def check(scene: Scene, nranks: int) -> list[tuple[str, str]]:
     """Return the vertices, ghosts and bonds of the ranks, as rows of a table. Raises :class:`SceneError`."""
     problem = Problem(scene)
+    refuse_problem(problem)
     mesh, horizon = problem.mesh, scene.bonds.horizon
     if mesh.nvertices < nranks:
         raise SceneError(f"--mpi {nranks}: so many processes are too many for {mesh.nvertices} vertices")

@@ -97,7 +97,8 @@ class Crew(Operators):
             numbers = self.comm.bcast(self.start)
             mine = numbers if self.comm.rank == 0 else numbers | {"work": 0.0, "dissipated": 0.0}
             vectors: dict[str, Any] = {
-                name: self.body.scatter(x) for name, x in zip(State.VECTORS, self.given, strict=True)
+                name: self.body.dealt.scatter(x, self.body.dim)
+                for name, x in zip(State.VECTORS, self.given, strict=True)
             }
             state = State(**vectors, **mine)
         else:

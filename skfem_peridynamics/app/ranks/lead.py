@@ -14,9 +14,10 @@ import numpy as np
 from ..._types import Floats
 from ...analysis.damage import Census, Damage
 from ...model.rigidity import check_rigid
+from ...ranks.make_body import ends_inside
 from ...ranks.whole_body import WholeBody
 from ...solve.cfl import StepLimit
-from ...solve.instability import UnstableRun
+from ...solve.instability import UnstableRun, Watch, watching
 from ...solve.mass_solver import Chebyshev, Lumped, MassSolver
 from ...solve.state import State
 from ..problem.problem import Problem
@@ -44,11 +45,19 @@ def refuse(scene: Scene) -> None:
         raise SceneError(f"{', '.join(found)}: does not go with --mpi yet; run it without")
 
 
+def refuse_problem(problem: Problem) -> None:
+    """Do so for what shows in the mesh and the materials."""
+    if problem.scene.material.breaking is not None and (problem.dilated >= 0.0 or ends_inside(problem.rule)):
+        other = "material.poisson other than that of bonds alone" if problem.dilated >= 0.0 else problem.rule.name
+        raise SceneError(f"material.breaking with {other}: does not go with --mpi yet; run it without")
+
+
 @dataclass(frozen=True, eq=False)
 class LeadingProblem(Problem):
     """A problem whose bonds are those of all ranks."""
 
     crew: Crew | None = None
+    notes: list[str] = field(default_factory=list)  # what was said as the problem was made
     _seen: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @property
@@ -60,12 +69,14 @@ class LeadingProblem(Problem):
     def bonds(self) -> Any:
         """What a run asks of all bonds."""
         counts, balance = self._crew.order("bonds")
+        self.check_horizon()
         return SimpleNamespace(
             nbonds=sum(counts),
             balance=balance,
             dim=int(self.mesh.dim()),
             mesh=self.mesh,
             horizon=self.scene.bonds.horizon,
+            rule=self.rule,
             vertex_weight=self.scene.bonds.boundary_function,
             samples=SimpleNamespace(at_vertices=self._crew.body.any_piece.bonds.samples.at_vertices),
             ranks=counts,
@@ -113,13 +124,12 @@ class LeadingProblem(Problem):
         return found
 
     def states(self, dt: float, start: State | None, watch: Any) -> Iterator[State]:
-        """Yield whole states at the ends of blocks of steps: where something is written, and some times a second.
-
-        Implicit steps are made here, with operators that all ranks compute.
+        """Return whole states: those of explicit schemes at the ends of blocks of steps, where something is written and
+        some times a second. Implicit steps are made here, with operators that all ranks compute.
         """
-        if not self.explicit:
-            yield from states(self, dt, start, watch)
-            return
+        return self._explicit(dt, start, watch) if self.explicit else states(self, dt, start, watch)
+
+    def _explicit(self, dt: float, start: State | None, watch: Watch) -> Iterator[State]:
         time_table, crew = self.scene.time, self._crew
         steps, output = round(time_table.until / dt), self.scene.output
         if start is not None:
@@ -130,8 +140,10 @@ class LeadingProblem(Problem):
         has = (True, True) if start is not None else (self.u0 is not None, self.v0 is not None)
         crew.order("begin", dt, time_table.until, self.limit, has, start is not None)
         step = 0 if start is None else start.step
+        first = self._whole() if start is None else start
+        watching(watch, self.limit, abs(first.initial))
         if start is None:
-            yield self._whole()
+            yield first
         marks = Marks(steps, output.frames), Marks(steps, max(2, output.history))
         block = 1
         while step < steps:

@@ -16,13 +16,14 @@ from ...solve.newton import NotConverged
 from ..files.whole_files import OutputError
 from ..problem.cost import check_memory
 from ..problem.problem import Problem
+from ..run.logged import logged_warnings
 from ..run.progress import Progress
 from ..run.run import run
 from ..run.signals import Interrupted
 from ..scene.reading import SceneError
 from ..scene.scene import Scene
 from .crew import Crew
-from .lead import LeadingProblem, refuse
+from .lead import LeadingProblem, refuse, refuse_problem
 
 Made = TypeVar("Made")
 
@@ -59,11 +60,12 @@ def over_ranks(read: Callable[[], Scene], lead: Callable[[Scene, LeadingProblem]
         _follow(comm, read)
         return None
     crew: Crew | None = None
-    begun = False
+    begun, before = False, contextlib.ExitStack()
     try:
         scene = read()
         refuse(scene)
-        problem = Problem(scene)
+        problem, notes = Problem(scene), before.enter_context(logged_warnings())
+        refuse_problem(problem)
         for name in ("load", "fixed", "u0", "v0", "mass", "no_fail"):  # its mistakes are told before the others begin
             getattr(problem, name)
         try:
@@ -73,7 +75,8 @@ def over_ranks(read: Callable[[], Scene], lead: Callable[[Scene, LeadingProblem]
         comm.bcast(True, root=0)
         begun = True
         crew = Crew.of(comm, scene, problem)
-        leading = LeadingProblem(scene, crew=crew)
+        before.close()
+        leading = LeadingProblem(scene, crew=crew, notes=notes)
         leading.__dict__.update(problem.__dict__)  # what is made already
         return lead(scene, leading)
     except (SceneError, UnstableRun, NotConverged, OutputError, Interrupted, ValueError) as error:
@@ -88,6 +91,7 @@ def over_ranks(read: Callable[[], Scene], lead: Callable[[Scene, LeadingProblem]
         abort(1)
         raise
     finally:
+        before.close()
         if crew is not None and not crew.busy:
             crew.order("close")
 

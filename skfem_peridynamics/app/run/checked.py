@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any
@@ -25,10 +26,10 @@ def check_checkpoint(checkpoint: Checkpoint, problem: Problem) -> None:
     if (problem.scene.time.scheme == "static") != isinstance(state, Equilibrium):
         raise ValueError("its state is one of another scheme")
     limit, known = facts.get("limit"), {field.name for field in fields(StepLimit)}
-    if (limit is None) == problem.explicit or not (limit is None or _numbers(limit, known)):
+    if (limit is None) == problem.explicit or not (limit is None or _is_limit(limit, known)):
         raise ValueError("its step limit is none")
     if limit is not None:
-        step = replace(problem, known_limit=StepLimit(**limit)).dt if limit["eigenvalue"] > 0.0 else 0.0
+        step = replace(problem, known_limit=StepLimit(**limit)).dt
         if not abs(step - checkpoint.state.dt) <= _ROOM * step:
             raise ValueError("its step is not that of its limit")
     if not _numbers(facts.get("seconds")) or not _is_number(facts.get("peak")) or facts["peak"] < 0.0:
@@ -63,6 +64,17 @@ def _check_state(checkpoint: Checkpoint, problem: Problem) -> None:
         raise ValueError("the times of its frames are none")
     if state.memory is not None and not 0 <= state.memory.spent < 1 << 53:
         raise ValueError("what its linear solver has spent is none")
+
+
+def _is_limit(table: Any, names: set[str]) -> bool:
+    """Whether it is a step limit: a bound may be infinite, an eigenvalue that was not found no number, not both."""
+    if not isinstance(table, Mapping) or set(table) != names:
+        return False
+    if not all(isinstance(x, (int, float)) and not isinstance(x, bool) and not x < 0 for x in table.values()):
+        return False
+    with contextlib.suppress(ArithmeticError):
+        return bool(0.0 < StepLimit(**table).dt < LARGEST)
+    return False
 
 
 def _numbers(table: Any, names: set[str] | None = None) -> bool:

@@ -122,6 +122,7 @@ def run(
         if existed:
             stack.enter_context(hold(out))
         notes = stack.enter_context(logged_warnings())
+        notes += getattr(problem, "notes", [])
         pictures = _with_pictures(scene, with_report)
         clock, watch, problem = (
             Clock("setup", "cfl", "steps", "output"),
