@@ -14,8 +14,10 @@ def main():
     from bodies import box
     from skfem_peridynamics.model.space import vector_basis
     from skfem_peridynamics.ranks.distributed import distributed
+    from skfem_peridynamics.ranks.implicit import left_matrix, left_of_vertices
     from skfem_peridynamics.ranks.mass import RankMass
     from skfem_peridynamics.ranks.world import world
+    from skfem_peridynamics.solve.left import left_of
 
     comm, found = world(), {}
     mesh = peri.slit(box(2, 16), peri.Crack([[0.0, 0.5], [0.5, 0.5]]))
@@ -55,6 +57,8 @@ def main():
             *_, state = peri.newmark(body, m, dt=0.2, until=2.0, **keys)
             moved.append((body.gather(np.asarray(state.u)), state.energies.total, state.energies.imbalance))
         limit = peri.stable_time_step(body, lumped)
+        torn = 0.05 * np.random.default_rng(1).standard_normal(N)
+        left = [(left_matrix(body, u), body.gather(left_of_vertices(body, u).ravel())) for u in (None, part_of(torn))]
         said = []
         for wrong in ({"steps": 0}, {"steps": 2, "fixed": ()}):
             try:
@@ -83,7 +87,10 @@ def main():
         one["limit"] = abs(
             limit.nodal_bound / peri.stable_time_step(whole, peri.mass_matrix(basis, density=2.0)).nodal_bound - 1
         )
-        one["said"] = everyone
+        one["said"], one["left"] = everyone, []
+        for u, (K, vertices) in zip((None, torn), left, strict=True):
+            of_whole = left_of(whole, u)
+            one["left"] += [abs(K - of_whole.matrix()).max() / abs(K).max(), off(vertices, of_whole.vertices().ravel())]
         found[name] = one
     if comm.rank == 0:
         print(json.dumps(found))

@@ -171,10 +171,85 @@ def test_scripts_step_implicitly_over_ranks(n):
         assert found["softened"] > 10
         for key in ("static", "reaction", "elastic", "imbalance", "lumped", "consistent", "limit"):
             assert found[key] < 1e-11, (name, key)  # 2e-15 found
+        assert max(found["left"]) < 1e-13, name  # what is left of a stiffness, at rest and torn: 6e-16 found
         assert len(found["said"]) == n
         assert all(
             said == ["steps = 0 must be a whole numb", "the part of the body with the "] for said in found["said"]
         )
+
+
+@needs_mpi
+def test_arguments_that_make_no_sense_are_refused_by_all(tmp_path):
+    """In the same sentence; a body that is left open at the end is no crash."""
+    ended = launch(2, HERE / "arguments.py", HERE.parents[0] / "support")
+    assert ended.returncode == 0, ended.stderr[-2000:]
+    one, other = json.loads(ended.stdout.splitlines()[-1])
+    assert one == other
+    told = {
+        "w": "boundary_function",
+        "mesh": "mesh = None",
+        "quadrilaterals": "MeshQuad",
+        "rule": "'ball'",
+        "breaking and Poisson": "Poisson ratio",
+        "scatter": "(3,)",
+        "mass": "positive",
+        "numbers": "without --mpi",
+        "foreign": "not bonds of this body",
+        "closed": "closed",
+    }
+    for name, sentence in one.items():
+        print(name, "->", sentence)
+        assert told.get(name, name.split(",")[0]) in sentence, name
+
+
+QUIVER = """
+mesh = {box = [[0, 1], [0, 0.5]], divisions = [20, 10]}
+material = {young = 1.0, toughness = 1e-5, density = 1.0, plane = "stress"}
+bonds = {horizon = 0.17}
+time = {until = 5, safety = 1.0}
+initial = {velocity = ["2e-2*sin(50*x)", "2e-2*cos(70*y)"]}
+output = {frames = 2, history = 400, pictures = false, checkpoint_every = 50}
+"""
+UNSTABLE = {
+    "rows": [],
+    "steps": [
+        ("until = 5, safety = 1.0", "until = 500, step = 0.5, above_limit = true"),
+        ("history = 400", "history = 2"),
+        ("1e-5", "1e-3"),
+        ('"2e-2*sin(50*x)", "2e-2*cos(70*y)"', '"1e-2*x", "0"'),
+    ],
+    "newmark": [
+        ("until = 5, safety = 1.0", 'until = 10, scheme = "newmark", step = 1.0'),
+        ("1e-5", "1e-3"),
+        ("initial", 'fixed = [{on="left",displacement="0"},{on="right",displacement="1e3*t**3"}]\ninitial'),
+    ],
+    "one-sided": [
+        ("until = 5, safety = 1.0", 'until = 1, scheme = "newmark", step = 0.1'),
+        (" = 0.17", ' = 0.17, rule = "ball", symmetric = false'),
+    ],
+}
+
+
+@needs_mpi
+@pytest.mark.parametrize("name", UNSTABLE)
+def test_runs_end_over_ranks_as_they_do_alone(name, tmp_path, capsys):
+    """Unstable ones with the same sentence, of the vertex of the whole mesh; what no scheme takes."""
+    scene = QUIVER
+    for old, new in UNSTABLE[name]:
+        assert old in scene
+        scene = scene.replace(old, new)
+    (tmp_path / "scene.toml").write_text(scene)
+    alone = main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "one"), "--quiet"])
+    said = capsys.readouterr().err.splitlines()[-1]
+    ended = launch_run(3, tmp_path / "ranks", text=scene)
+    assert ended.returncode == alone == 2, ended.stderr[-2000:]
+    assert "Traceback" not in ended.stderr
+    print(ended.stderr.splitlines()[-1])
+    where = "; dt =" if name != "one-sided" else "; take"
+    assert (
+        ended.stderr.splitlines()[-1].split(where)[0].split(": its energy")[0]
+        == said.split(where)[0].split(": its energy")[0]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -236,6 +311,9 @@ def test_check_tells_what_each_process_would_have(tmp_path, capsys):
     scene.write_text(newmark.replace("density = 1.0", "density = 1.0, breaking = 1.5"))
     assert main(["check", str(scene), "--mpi", "3"]) == 2
     assert "breaking" in capsys.readouterr().err
+    scene.write_text(PLATE.replace("density = 1.0", "density = 1.0, breaking = 1.5, poisson = 0.2"))
+    assert main(["check", str(scene), "--mpi", "3"]) == 2
+    assert "breaking with material.poisson" in capsys.readouterr().err
     scene.write_text(PLATE)
     assert main(["check", str(scene), "--mpi", "100000"]) == 2
     assert "too many" in capsys.readouterr().err
