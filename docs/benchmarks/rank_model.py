@@ -3,7 +3,7 @@
 python docs/benchmarks/rank_model.py [--bonds 1e9] [--horizon 3] [--threads 8]          with the extra fast
 
 Measured on one core: seconds a bond of vertex pairs in 3D, seconds a vertex of a step's vectors, seconds of a step
-without either. Assumed: cubes of vertices, a rank of some threads each, that share out its work; nodes of 64 cores
+without either. Assumed: cubes of vertices, a rank of some threads each, that share out its bonds; nodes of 64 cores
 with 25 GB/s between them, shared by the ranks of a node; 2 us a message, 26 neighbours, ghosts out and sums back; bonds
 5 % more than their share on the slowest rank; an exchange is waited for. All ghosts of a rank's mesh are exchanged: the
 horizon, a vertex and the longest edge.
@@ -86,7 +86,7 @@ def main() -> None:
         own = nvertices / ranks
         ghosts = (own ** (1 / 3) + 2.0 * layers) ** 3 - own
         work = IMBALANCE * bond * options.bonds / cores
-        vectors = vertex * (own + ghosts) / options.threads
+        vectors = vertex * own  # by one thread
         per_rank = BANDWIDTH / (NODE / options.threads)
         way = NEIGHBOURS * LATENCY + 24.0 * ghosts / per_rank
         exchange = 2.0 * way
