@@ -50,6 +50,7 @@ def main():
             said[name] = "nothing"
         except ValueError as error:
             said[name] = str(error)
+    body.force(m)
     KEPT.append(body)
     every = comm.gather(said, root=0)
     if first:
