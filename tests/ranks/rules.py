@@ -62,7 +62,8 @@ def main():
         "poisson 0.4, balls": (2, 12, 0.25, ball, strained, {}),
         "poisson 0.35, 3D": (3, 6, 0.45, pairs, block, {"balanced": True}),
     }
-    for name in cases if len(sys.argv) < 3 else sys.argv[2:]:
+    named = sys.argv[2:] or list(cases)
+    for name in {"even": list(cases)[::2], "odd": list(cases)[1::2]}.get(named[0], named):
         dim, n, eps, rule, material, options = cases[name]
         mesh = box(dim, n, "random")
         if dim == 2:
