@@ -41,9 +41,7 @@ class DilatedRanks:
 
     def stiffness(self, u: Floats) -> Floats:
         """Return the product of the stiffness at rest."""
-        halo, between = self.mesh.halo(self.own.dim), self.own.stiffness()
-        one = self.mesh.halo(1)
-        beside = Beside(None, between, lambda virial: one.extended(between * one.summed(virial)))
+        halo, beside = self.mesh.halo(self.own.dim), self._beside(None, self.own.stiffness())
         return halo.summed(self.body.engine.product(None, halo.extended(u), beside=beside))
 
     def tangent(self, x: Floats) -> Callable[[Floats], Floats]:
@@ -53,8 +51,7 @@ class DilatedRanks:
         p = self.body.bonds.samples.take(one.extended(self.own.pressure(virial)))
         rows = list(self.body.each_block(x, lambda block, T: (block.pressed_hessian(T, p), block.rates(T))))
         weights, rates = ([row[k] for row in rows] for k in (0, 1))
-        between = self.own.stiffness(virial)
-        beside = Beside(rates, between, lambda dilated: one.extended(between * one.summed(dilated)))
+        beside = self._beside(rates, self.own.stiffness(virial))
         return lambda v: halo.summed(engine.product(weights, halo.extended(v), beside=beside))
 
     def energy(self, x: Floats) -> float:
@@ -64,6 +61,11 @@ class DilatedRanks:
     def pressure_at_samples(self, x: Floats) -> Floats:
         """Return the pressure at the samples of the rank's bonds; x has its ghosts."""
         return self.body.bonds.samples.take(self._pressure(self.body.engine.virial(x)))
+
+    def _beside(self, rates: list[Floats] | None, between: Floats) -> Beside:
+        """What stands beside the bonds in a tangent, with the stiffness of the rank's own vertices."""
+        one = self.mesh.halo(1)
+        return Beside(rates, between, lambda virial: one.extended(between * one.summed(virial)))
 
     def _pressure(self, virial: Floats) -> Floats:
         """The pressure at all vertices of the rank's mesh, of what its bonds have of the virial."""

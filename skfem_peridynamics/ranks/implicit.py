@@ -30,8 +30,7 @@ def tangent(body: RankBody, u: Floats) -> Callable[[Floats], Floats]:
 
 def linear(body: RankBody) -> bool:
     """Return whether no bond of any rank ever softens, and the dilatation is quadratic."""
-    whole = [piece.linear for piece in body.pieces]
-    return bool(body.comm.allreduce(not (all(whole) and body.any_piece.linear)) == 0)
+    return all(body.comm.allgather(all(piece.linear for piece in (*body.pieces, body.any_piece))))
 
 
 def largest_move(body: RankBody, u: Floats, d: Floats, below: float) -> float:

@@ -119,17 +119,17 @@ def _check_support(mesh: DealtMesh, rule: BallRule, pieces: list[BondBasis]) -> 
 def _set_moments(mesh: DealtMesh, pieces: list[BondBasis], facets: tuple[Floats, Floats]) -> None:
     """Give the bonds of a rank the moments that those of all have."""
     share, sums = mesh.share, np.zeros(3)
+    own_sites = isinstance(pieces[0].rule, DealtRule) and isinstance(pieces[0].rule.rule, BallRule)
     for k, bonds in enumerate(pieces):
         samples = bonds.samples
         deep, mine = deep_points(bonds, samples.points), np.ones(len(samples.sites), dtype=bool)
-        if samples.at_vertices:  # whose ghosts the rank's mesh may end at, and whose sites are all
+        if samples.at_vertices:  # the rank's mesh may end near its ghosts: these are told by their owners
             vertex = samples.vertices[:, 0]
             own = np.empty(len(vertex))
             own[vertex] = deep
             deep = mesh.halo(1).extended(own[: share.own])[vertex] > 0.5
-            mine = vertex[samples.sites] < share.own
-            if isinstance(bonds.rule, DealtRule) and isinstance(bonds.rule.rule, BallRule):
-                mine[:] = True  # only its own are there
+            if not own_sites:  # balls have no others
+                mine = vertex[samples.sites] < share.own
         found = DeepSums.of(bonds, deep, mine, facets)
         sums += found.strain, found.crack, 0.0 if k else found.volume
     whole = DeepSums(*mesh.comm.allreduce(sums).tolist())

@@ -100,7 +100,6 @@ class LeadingProblem(Problem):
 
     def check_rigid(self) -> None:
         """Raise :class:`SceneError` where bonds leave a vertex or the whole body free to move."""
-
         with blame("bonds"):
             check_rigid(self.body_at_rest)
 
